@@ -1,0 +1,1 @@
+"""From photographs to a material: residuals, solver, uncertainty, files, report, command line."""

@@ -1,0 +1,22 @@
+"""The one exception that a user's mistake raises; everything else is a bug of ours."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+
+class InputError(Exception):
+    """Wrong input, told in one sentence: which file, which field, the value, what was expected.
+
+    Args:
+        file: the file at fault, or a command-line option such as `--alpha`.
+        field: the field inside it, such as `photographs[2].image`; empty for the file as a whole.
+        value: what was found there; empty where there is no value to show.
+        expected: what would have been right, and the remedy where there is one.
+    """
+
+    def __init__(self, file: str | Path, field: str = "", value: object = "", expected: str = "") -> None:
+        self.file, self.field, self.value, self.expected = str(file), field, value, expected
+        where = f"{self.file}: {field}" if field else self.file
+        found = f" is {value}," if str(value) else ""
+        super().__init__(f"{where}:{found} expected {expected}".replace("\n", " "))
