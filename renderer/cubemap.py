@@ -1,0 +1,132 @@
+"""Cubemaps: six faces in OpenGL's order and orientation, looked up bilinearly and seamlessly across their edges."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import torch
+from jaxtyping import Float, Int
+from torch import Tensor
+
+from renderer import pyramid as pyramids
+from renderer.pyramid import Pyramid
+
+FACES = ("px", "nx", "py", "ny", "pz", "nz")
+
+# Per face: the world axes (right, down, outward) of its picture [OpenGL 4.6 core, table 8.19].
+_AXES = torch.tensor(
+    [
+        [[0, 0, -1], [0, -1, 0], [1, 0, 0]],
+        [[0, 0, 1], [0, -1, 0], [-1, 0, 0]],
+        [[1, 0, 0], [0, 0, 1], [0, 1, 0]],
+        [[1, 0, 0], [0, 0, -1], [0, -1, 0]],
+        [[1, 0, 0], [0, -1, 0], [0, 0, 1]],
+        [[-1, 0, 0], [0, -1, 0], [0, 0, -1]],
+    ],
+    dtype=torch.float64,
+)
+
+
+@dataclass(frozen=True)
+class Cubemap:
+    """Six faces of radiance.
+
+    Attributes:
+        faces: [6, n, n, 3] in the order of `FACES`; rows run downwards in each face's picture.
+    """
+
+    faces: Float[Tensor, "6 n n 3"]
+
+
+def face_directions(size: int, margin: int = 0) -> Float[Tensor, "6 m m 3"]:
+    """Unit directions of texel centres, float64; with a margin, also of the texels that would lie around each face."""
+    centre = (2 * torch.arange(-margin, size + margin, dtype=torch.float64) + 1) / size - 1
+    down, right = torch.meshgrid(centre, centre, indexing="ij")
+    local = torch.stack([right, down, torch.ones_like(right)], -1)
+    return torch.nn.functional.normalize(torch.einsum("rcj,fji->frci", local, _AXES), dim=-1)
+
+
+def face_position(
+    directions: Float[Tensor, "*p 3"],
+) -> tuple[Int[Tensor, "*p"], Float[Tensor, "*p"], Float[Tensor, "*p"]]:
+    """The face that each direction meets, and where on it.
+
+    Returns:
+        index into `FACES`, and position to the right and downwards on that face, each in [-1, 1].
+    """
+    axes = _AXES.to(directions)
+    outward = directions @ axes[:, 2].T
+    face = outward.argmax(-1)
+    depth = outward.gather(-1, face[..., None])[..., 0]
+    right = (directions * axes[face, 0]).sum(-1) / depth
+    down = (directions * axes[face, 1]).sum(-1) / depth
+    return face, right, down
+
+
+def lookup(cubemap: Cubemap, directions: Float[Tensor, "*p 3"]) -> Float[Tensor, "*p 3"]:
+    """Radiance from each direction, bilinear within a face and across its edges.
+
+    Args:
+        cubemap: the six faces.
+        directions: need not be unit length, must not be zero.
+
+    Returns:
+        radiance [*p, 3] in the faces' dtype; differentiable with respect to directions and texels.
+    """
+    size = cubemap.faces.shape[1]
+    padded = with_margin(cubemap.faces)
+    face, right, down = face_position(directions.to(padded))
+    x = ((right + 1) * size - 1) / 2 + 1
+    y = ((down + 1) * size - 1) / 2 + 1
+    column, row = x.detach().floor().clamp(0, size).long(), y.detach().floor().clamp(0, size).long()
+    wx, wy = (x - column)[..., None], (y - row)[..., None]
+    texel = padded[face, row, column], padded[face, row, column + 1]
+    below = padded[face, row + 1, column], padded[face, row + 1, column + 1]
+    upper = texel[0] * (1 - wx) + texel[1] * wx
+    lower = below[0] * (1 - wx) + below[1] * wx
+    return upper * (1 - wy) + lower * wy
+
+
+def with_margin(faces: Float[Tensor, "6 n n 3"]) -> Float[Tensor, "6 n+2 n+2 3"]:
+    """Each face with a border of one texel, taken from its neighbours as GL's seamless filtering takes it.
+
+    An edge's border is the row of texels on the other side of the edge; a corner, where only three faces meet, is
+    the mean of the three texels that touch it.
+    """
+    size = faces.shape[1]
+    padded = faces.new_empty(6, size + 2, size + 2, 3)
+    padded[:, 1:-1, 1:-1] = faces
+    beyond = face_directions(size, margin=1).to(faces.device)
+    for rows, columns in _edges():
+        face, right, down = face_position(beyond[:, rows, columns])
+        # The direction of a border texel lies on the neighbour's outermost row; along that row a texel keeps its index.
+        column = _nearest_texel(right, size)
+        row = _nearest_texel(down, size)
+        padded[:, rows, columns] = faces[face, row, column]
+    for row, inner_row in ((0, 1), (-1, -2)):
+        for column, inner_column in ((0, 1), (-1, -2)):
+            touching = padded[:, inner_row, inner_column] + padded[:, row, inner_column] + padded[:, inner_row, column]
+            padded[:, row, column] = touching / 3
+    return padded
+
+
+def _edges() -> tuple[tuple[int | slice, int | slice], ...]:
+    inner = slice(1, -1)
+    return ((0, inner), (-1, inner), (inner, 0), (inner, -1))
+
+
+def _nearest_texel(position: Float[Tensor, "*p"], size: int) -> Int[Tensor, "*p"]:
+    return ((position + 1) / 2 * size).floor().long().clamp(0, size - 1)
+
+
+def from_latlong(pyramid: Pyramid, size: int) -> Cubemap:
+    """The environment resampled onto six faces of `size`² texels, each the mean over about its own solid angle.
+
+    Args:
+        pyramid: the environment's levels.
+        size: texels along a face's side; a quarter of the map's width keeps its resolution.
+    """
+    x, y, z = face_directions(size).to(pyramid.atlas).unbind(-1)
+    solid_angle = 4 * torch.pi / (6 * size**2)
+    level = torch.log2(torch.tensor(solid_angle / pyramid.texel_solid_angle)) / 2
+    return Cubemap(pyramids.lookup(pyramid, x, y, z, level.round().clamp_min(0).to(x).expand_as(x)))
