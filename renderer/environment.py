@@ -2,18 +2,25 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
+from pathlib import Path
 
+import numpy as np
+import torch
 from jaxtyping import Float
 from torch import Tensor
+
+from renderer.errors import InputError
+from renderer.images import FORMATS, read_image
 
 
 @dataclass(frozen=True)
 class Environment:
     """A latitude-longitude map of radiance, linear Rec. 709, laid out as Mitsuba lays it out.
 
-    The column is u = atan2(x, -z)/2π and the row v = acos(y)/π of the direction (x, y, z) seen in the map's own
-    axes, so the centre column looks along +Z and the top row along +Y.
+    The column is u = atan2(x, -z)/2π and the row v = acos(y)/π of the direction (x, y, z) seen in the map's
+    own axes, so the centre column looks along +Z and the top row along +Y.
 
     Attributes:
         radiance: [h, w, 3], float32, finite and >= 0, already multiplied by the scene's `scale`.
@@ -24,3 +31,103 @@ class Environment:
     radiance: Float[Tensor, "h w 3"]
     rotation: float = 0.0
     repaired: int = 0
+
+
+def directions(height: int, width: int) -> Float[Tensor, "h w 3"]:
+    """Unit directions of a map's texels in the map's own axes, float64.
+
+    Column i lies at u = (i + ½)/w and row j at v = j/(h - 1): the first row is +Y itself and the last -Y, as
+    in Mitsuba's `envmap`. The only row of a map of height 1 lies on the horizon.
+    """
+    u = (torch.arange(width, dtype=torch.float64) + 0.5) / width
+    v = torch.linspace(0, 1, height, dtype=torch.float64) if height > 1 else torch.tensor([0.5]).double()
+    theta, phi = torch.meshgrid(math.pi * v, 2 * math.pi * u, indexing="ij")
+    return torch.stack([theta.sin() * phi.sin(), theta.cos(), -theta.sin() * phi.cos()], -1)
+
+
+def read_environment(path: str | Path, rotation: float = 0.0, scale: float = 1.0) -> Environment:
+    """Read the surroundings from a latitude-longitude image or from six faces of a cube.
+
+    Args:
+        path: an image twice as wide as high; or a folder with images named px nx py ny pz nz (OpenGL's
+            orientation, square, of equal size), which become a map of four times their width.
+        rotation: degrees about +Y, counter-clockwise seen from above.
+        scale: factor on the radiance, > 0.
+
+    Returns:
+        The map, its negative texels set to 0 and its non-finite ones to the mean of their finite neighbours.
+
+    Raises:
+        InputError: a file is missing or unreadable, its shape is wrong, everything is black, or a number is
+            out of range.
+    """
+    path = Path(path)
+    if not math.isfinite(rotation):
+        raise InputError(path, "rotation", rotation, "a finite angle in degrees")
+    if not (math.isfinite(scale) and scale > 0):
+        raise InputError(path, "scale", scale, "a finite number > 0")
+    texels, repaired = _from_faces(path) if path.is_dir() else _from_latlong(path)
+    if not texels.any():
+        raise InputError(path, expected="light from somewhere, but every texel is black")
+    radiance = scale * torch.from_numpy(texels).double()
+    if radiance.max() > torch.finfo(torch.float32).max:
+        raise InputError(path, "scale", scale, "a factor that keeps the radiance below 3e38")
+    return Environment(radiance.float(), rotation, repaired)
+
+
+def _from_latlong(path: Path) -> tuple[Float[np.ndarray, "h w 3"], int]:
+    radiance = read_image(path).radiance
+    height, width = radiance.shape[:2]
+    if width != 2 * height:
+        raise InputError(path, "size", f"{width} × {height}", "a map twice as wide as high")
+    return _repair(radiance)
+
+
+def _from_faces(folder: Path) -> tuple[Float[np.ndarray, "h w 3"], int]:
+    """Six faces, resampled: two map rows per face row keep every texel that the faces have."""
+    from renderer.cubemap import FACES, Cubemap, lookup
+
+    faces, repaired = zip(*(_read_face(_face_file(folder, name)) for name in FACES), strict=True)
+    size = len(faces[0])
+    for name, face in zip(FACES, faces, strict=True):
+        if len(face) != size:
+            side = f"{len(face)} × {len(face)}"
+            raise InputError(folder, name, side, f"the size of {FACES[0]}, {size} × {size}")
+    cubemap = Cubemap(torch.from_numpy(np.stack(faces)))
+    return lookup(cubemap, directions(2 * size, 4 * size)).numpy(), sum(repaired)
+
+
+def _face_file(folder: Path, name: str) -> Path:
+    found = [
+        path for path in sorted(folder.iterdir()) if path.stem == name and path.suffix.lower() in FORMATS
+    ]
+    if len(found) != 1:
+        raise InputError(folder, name, f"{len(found)} files", "one image per face: px nx py ny pz nz")
+    return found[0]
+
+
+def _read_face(path: Path) -> tuple[Float[np.ndarray, "n n 3"], int]:
+    radiance = read_image(path).radiance
+    height, width = radiance.shape[:2]
+    if width != height:
+        raise InputError(path, "size", f"{width} × {height}", "a square face")
+    return _repair(radiance)
+
+
+def _repair(radiance: Float[np.ndarray, "h w 3"]) -> tuple[Float[np.ndarray, "h w 3"], int]:
+    """Set negative values to 0 and non-finite ones to the mean of their finite neighbours; count texels."""
+    broken = ~np.isfinite(radiance)
+    negative = ~broken & (radiance < 0)
+    clean = np.where(broken | negative, np.float32(0), radiance)
+    if broken.any():
+        total, finite = _sum_of_neighbours(clean), _sum_of_neighbours((~broken).astype(np.float32))
+        clean = np.where(broken, total / np.maximum(finite, 1), clean)
+    return clean, int((broken | negative).any(-1).sum())
+
+
+def _sum_of_neighbours(values: Float[np.ndarray, "h w 3"]) -> Float[np.ndarray, "h w 3"]:
+    """Sum over the 3 × 3 texels around each one, which are fewer at the borders."""
+    height, width = values.shape[:2]
+    padded = np.pad(values.astype(np.float64), ((1, 1), (1, 1), (0, 0)))
+    shifted = (padded[j : j + height, i : i + width] for j in range(3) for i in range(3))
+    return np.sum(list(shifted), axis=0).astype(np.float32)

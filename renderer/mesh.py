@@ -2,10 +2,26 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import json
+import logging
+import warnings
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from io import BytesIO
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float, Int
+
+from renderer.errors import InputError
+from renderer.obj import MATERIAL_FILE, plain_obj
+
+UNNAMED = "default"
+_COMPRESSIONS = {"KHR_draco_mesh_compression", "EXT_meshopt_compression"}
+logging.getLogger("trimesh").addHandler(
+    logging.NullHandler()
+)  # without a handler, Python prints a library's warnings
 
 
 @dataclass(frozen=True)
@@ -31,7 +47,187 @@ class Mesh:
     normals: Float[np.ndarray, "v 3"] | None
     uv: Float[np.ndarray, "v 2"] | None
     material: Int[np.ndarray, " f"]
-    material_names: tuple[str, ...] = ("default",)
+    material_names: tuple[str, ...] = (UNNAMED,)
 
 
 Shape = Sphere | Mesh
+
+
+@dataclass(frozen=True)
+class _Part:
+    """One node of the file: triangles of one material, in world space."""
+
+    vertices: Float[np.ndarray, "v 3"]
+    faces: Int[np.ndarray, "f 3"]
+    normals: Float[np.ndarray, "v 3"] | None
+    uv: Float[np.ndarray, "v 2"] | None
+    name: str
+
+
+def read_mesh(path: str | Path, smooth: bool = True) -> Mesh:
+    """Read a triangle mesh; polygons are split into triangles and triangles without area dropped.
+
+    Only the geometry and the materials' names are read: a missing or broken MTL file or texture does no harm.
+
+    Args:
+        path: .obj, .ply, .stl or .glb; the nodes of a scene are placed by their transforms.
+        smooth: keep the vertex normals that the file has; parts without stay faceted.
+
+    Raises:
+        InputError: the file is missing or unreadable, has no triangle with an area, an index out of range, or
+            a vertex that is not finite.
+    """
+    path = Path(path)
+    if path.suffix.lower() not in FORMATS:
+        raise InputError(path, "format", path.suffix or "missing", f"one of {' '.join(FORMATS)}")
+    if not path.is_file():
+        raise InputError(path, expected="a mesh file here, but there is none")
+    parts = [_without_slivers(part) for part in _parts(path)]
+    parts = [part for part in parts if len(part.faces)]
+    if not parts:
+        raise InputError(path, "faces", 0, "at least one triangle with an area")
+    return _joined(parts, smooth)
+
+
+def _parts(path: Path) -> list[_Part]:
+    """Every triangle mesh in the file, checked."""
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # of numpy, about trimesh's way to read numbers
+            parts = list(_READERS[path.suffix.lower()](path))
+    except InputError:
+        raise
+    except Exception as error:  # trimesh raises whatever its parsers run into
+        reason = f"{error}".partition("\n")[0].strip().rstrip(".") or type(error).__name__
+        raise InputError(path, expected=f"a readable {path.suffix[1:].upper()} mesh ({reason})") from error
+    for part in parts:
+        _check(path, part)
+    return parts
+
+
+def _check(path: Path, part: _Part) -> None:
+    if part.faces.size and not 0 <= part.faces.min() <= part.faces.max() < len(part.vertices):
+        outside = part.faces[(part.faces < 0) | (part.faces >= len(part.vertices))][0]
+        raise InputError(path, "vertex index of a face", outside, f"less than {len(part.vertices)}")
+    broken = ~np.isfinite(part.vertices).all(-1)
+    if broken.any():
+        raise InputError(path, "vertices", part.vertices[broken][0].tolist(), "finite coordinates")
+
+
+def _plain_parts(path: Path) -> Iterator[_Part]:
+    return _scene_parts(_load(path))
+
+
+def _load(file: Path | BytesIO, **options: Any) -> Any:
+    import trimesh
+
+    return trimesh.load_scene(file, process=False, **options)
+
+
+def _scene_parts(scene: Any) -> Iterator[_Part]:
+    """The scene's triangle meshes, moved by their nodes' transforms."""
+    for node in scene.graph.nodes_geometry:
+        transform, key = scene.graph[node]
+        geometry = scene.geometry[key]
+        if hasattr(geometry, "faces"):  # neither a point cloud nor a path
+            yield _part(geometry, np.asarray(transform, np.float64))
+
+
+def _part(geometry: Any, transform: Float[np.ndarray, "4 4"]) -> _Part:
+    linear = transform[:3, :3]
+    mirrored = np.linalg.det(linear) < 0
+    faces = np.asarray(geometry.faces, np.int64)
+    normals = geometry._cache["vertex_normals"]  # the public property makes them up where the file has none
+    uv = getattr(geometry.visual, "uv", None)
+    material = getattr(geometry.visual, "material", None)
+    return _Part(
+        vertices=np.asarray(geometry.vertices, np.float64) @ linear.T + transform[:3, 3],
+        faces=faces[:, ::-1] if mirrored else faces,
+        normals=None if normals is None else _unit_normals(normals @ np.linalg.inv(linear)),
+        uv=None if uv is None or len(uv) != len(geometry.vertices) else np.asarray(uv, np.float64)[:, :2],
+        name=getattr(material, "name", None) or UNNAMED,
+    )
+
+
+def _unit_normals(normals: Float[np.ndarray, "v 3"]) -> Float[np.ndarray, "v 3"] | None:
+    """Normals of unit length; None where one of them has no direction."""
+    length = np.linalg.norm(normals, axis=-1, keepdims=True)
+    if not (np.isfinite(length).all() and (length > 0).all()):
+        return None
+    return normals / length
+
+
+def _without_slivers(part: _Part) -> _Part:
+    """The part without its triangles of no area, whose normal is only rounding."""
+    if not len(part.faces):
+        return part
+    corner = part.vertices[part.faces]
+    area = np.linalg.norm(_doubled_area(corner), axis=-1)
+    extent = np.ptp(corner.reshape(-1, 3), axis=0)
+    kept = area > 1e-12 * (extent @ extent)
+    return replace(part, faces=part.faces[kept])
+
+
+def _doubled_area(corner: Float[np.ndarray, "f 3 3"]) -> Float[np.ndarray, "f 3"]:
+    """Normal of each triangle, twice its area long."""
+    return np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
+
+
+def _joined(parts: list[_Part], smooth: bool) -> Mesh:
+    """One mesh of all parts; where some have normals, the others get those of their facets."""
+    smooth = smooth and any(part.normals is not None for part in parts)
+    if smooth:
+        parts = [part if part.normals is not None else _faceted(part) for part in parts]
+    names = tuple(dict.fromkeys(part.name for part in parts))
+    offset = np.cumsum([0, *(len(part.vertices) for part in parts)])
+    uv = [part.uv for part in parts if part.uv is not None]
+    return Mesh(
+        vertices=np.concatenate([part.vertices for part in parts]),
+        faces=np.concatenate([part.faces + start for part, start in zip(parts, offset, strict=False)]),
+        normals=np.concatenate([part.normals for part in parts if part.normals is not None])
+        if smooth
+        else None,
+        uv=np.concatenate(uv) if len(uv) == len(parts) else None,
+        material=np.concatenate([np.full(len(part.faces), names.index(part.name)) for part in parts]),
+        material_names=names,
+    )
+
+
+def _faceted(part: _Part) -> _Part:
+    """The part with three vertices of its own per triangle, which bear the facet's normal."""
+    corner = part.vertices[part.faces]
+    normal = _doubled_area(corner)
+    normal /= np.linalg.norm(normal, axis=-1, keepdims=True)
+    return _Part(
+        vertices=corner.reshape(-1, 3),
+        faces=np.arange(corner.shape[0] * 3).reshape(-1, 3),
+        normals=np.repeat(normal, 3, axis=0),
+        uv=None if part.uv is None else part.uv[part.faces].reshape(-1, 2),
+        name=part.name,
+    )
+
+
+def _obj_parts(path: Path) -> Iterator[_Part]:
+    plain = plain_obj(path.read_bytes(), UNNAMED)
+    for kind, lines in plain.vertices.items():
+        if plain.highest[kind] > len(lines):
+            raise InputError(path, f"{kind} index of a face", plain.highest[kind], f"at most {len(lines)}")
+    if not plain.faces:
+        return
+    resolver = {MATERIAL_FILE: plain.material_text.encode()}
+    for part in _scene_parts(_load(BytesIO(plain.text.encode()), file_type="obj", resolver=resolver)):
+        yield replace(part, name=plain.names[int(part.name)])
+
+
+def _glb_parts(path: Path) -> Iterator[_Part]:
+    """GLB files, but compressed ones, which trimesh reads as zeros without a decoder."""
+    data = path.read_bytes()
+    header = json.loads(data[20 : 20 + int.from_bytes(data[12:16], "little")])
+    compressed = _COMPRESSIONS & {*header.get("extensionsRequired", [])}
+    if compressed:
+        raise InputError(path, "extensionsRequired", ", ".join(compressed), "meshes that are not compressed")
+    return _plain_parts(path)
+
+
+_READERS = {".obj": _obj_parts, ".ply": _plain_parts, ".stl": _plain_parts, ".glb": _glb_parts}
+FORMATS = tuple(_READERS)

@@ -1,0 +1,204 @@
+"""Images: files to linear radiance and back. Every format's reader returns the samples as they are stored."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float, Num
+
+from renderer.atomic import replaced_together
+from renderer.errors import InputError
+
+ENCODING = re.compile(r"srgb|linear|gamma:(?=.*[1-9])(\d+(?:\.\d+)?)")
+ENCODING_HELP = '"srgb", "linear" or "gamma:" and a positive exponent such as "gamma:2.2"'
+
+Samples = Num[np.ndarray, "h w *c"]
+
+
+@dataclass(frozen=True)
+class Image:
+    """A picture in memory.
+
+    Attributes:
+        radiance: linear Rec. 709, float32 [h, w, 3]; negative or non-finite where the file is.
+        alpha: coverage in [0, 1], float32 [h, w]; None where the file has no such channel.
+        white: the radiance at which the file clips, None for floating-point files, which do not.
+    """
+
+    radiance: Float[np.ndarray, "h w 3"]
+    alpha: Float[np.ndarray, "h w"] | None = None
+    white: float | None = None
+
+
+def read_image(path: str | Path, encoding: str | None = None) -> Image:
+    """Read an image file as linear radiance.
+
+    Args:
+        path: .exr, .hdr, .npy, .png, .jpg, .jpeg, .tif or .tiff.
+        encoding: "srgb", "linear" or "gamma:2.2"; None takes integer samples for sRGB and floats for linear.
+
+    Returns:
+        The image; the largest integer code becomes 1, and alpha is never decoded by the curve.
+
+    Raises:
+        InputError: the file is missing, broken or of another format, or the encoding is not one of these.
+    """
+    path = Path(path)
+    samples = _read_samples(path)
+    if (
+        samples.ndim not in (2, 3)
+        or 0 in samples.shape
+        or samples.shape[2:] not in ((), (1,), (2,), (3,), (4,))
+    ):
+        raise InputError(
+            path, "shape", list(samples.shape), "[height, width] or [height, width, 1 to 4 channels]"
+        )
+    integer = samples.dtype.kind == "u"
+    values = samples.astype(np.float32) / (np.iinfo(samples.dtype).max if integer else 1)
+    values = values.reshape(*values.shape[:2], -1)
+    colour, alpha = _split_alpha(values)
+    encoding = encoding or ("srgb" if integer else "linear")
+    return Image(_decode(colour, encoding, path), alpha, 1.0 if integer else None)
+
+
+def write_exr(path: str | Path, pixels: Float[np.ndarray, "h w c"]) -> None:
+    """Write linear radiance as a 32-bit EXR file, whole or not at all.
+
+    Args:
+        path: where to; an existing file is replaced only once the new one is complete.
+        pixels: [h, w, 3] RGB or [h, w, 4] RGB and alpha.
+
+    Raises:
+        InputError: where the folder cannot be written to.
+    """
+    import OpenEXR
+
+    path = Path(path)
+    channels = {"RGBA"[: pixels.shape[2]]: np.ascontiguousarray(pixels, np.float32)}
+    header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
+    with replaced_together(path.parent, option=str(path)) as folder:
+        OpenEXR.File(header, channels).write(str(folder / path.name))
+
+
+def _read_samples(path: Path) -> Samples:
+    """Samples as stored, unsigned integers or floats; a broken file becomes an InputError."""
+    reader = _READERS.get(path.suffix.lower())
+    if reader is None:
+        raise InputError(path, "format", path.suffix or "missing", f"one of {' '.join(FORMATS)}")
+    if not path.is_file():
+        raise InputError(path, expected="an image file here, but there is none")
+    try:
+        samples = reader(path)
+    except InputError:
+        raise
+    except Exception as error:  # the parsers of seven formats raise whatever they like on foreign bytes
+        reason = f"{error}".partition("\n")[0].strip().rstrip(".") or type(error).__name__
+        raise InputError(path, expected=f"a readable {path.suffix[1:].upper()} image ({reason})") from error
+    if samples.dtype.kind not in "uf":
+        raise InputError(path, "sample type", samples.dtype, "unsigned integers or floats")
+    return samples
+
+
+def _read_exr(path: Path) -> Samples:
+    """R, G, B or Y, and A where there is one, by name: their order in the file is alphabetical."""
+    import OpenEXR
+
+    with OpenEXR.File(str(path), separate_channels=True) as file:  # header and pixels die with the file
+        header = file.header()
+        if any(np.any(a != b) for a, b in zip(header["dataWindow"], header["displayWindow"], strict=True)):
+            raise InputError(
+                path, "dataWindow", "unlike displayWindow", "the whole picture, neither cropped nor more"
+            )
+        channels = {name: np.array(channel.pixels, np.float32) for name, channel in file.channels().items()}
+    colour = next((names for names in (("R", "G", "B"), ("Y",)) if channels.keys() >= set(names)), None)
+    if colour is None or {"RY", "BY"} & channels.keys():
+        raise InputError(path, "channels", " ".join(channels), "R G B or Y, with or without A")
+    return np.stack([channels[name] for name in (*colour, *({"A"} & channels.keys()))], -1)
+
+
+def _read_bitmap(path: Path) -> Samples:
+    """PNG and Radiance HDR through Mitsuba, which keeps 16-bit PNG at 16 bits and expands palettes."""
+    import mitsuba as mi
+
+    if mi.variant() is None:
+        mi.set_variant("scalar_rgb")
+    return np.array(mi.Bitmap(str(path)))
+
+
+def _read_jpeg(path: Path) -> Samples:
+    from imageio.v3 import imread
+
+    return imread(path, plugin="pillow", mode="RGB")
+
+
+def _read_tiff(path: Path) -> Samples:
+    """First page of a TIFF file, its palette applied."""
+    from tifffile import PHOTOMETRIC, TiffFile
+
+    with TiffFile(path) as file:
+        page = file.pages.first
+        samples = page.asarray()
+        palette = page.colormap
+    if page.axes.startswith("S"):  # channels stored as planes
+        samples = np.moveaxis(samples, 0, -1)
+    if samples.dtype == bool:
+        samples = samples.astype(np.uint8) * np.uint8(255)
+    if palette is not None:
+        return np.moveaxis(palette[:, samples], 0, -1)
+    if page.photometric == PHOTOMETRIC.MINISWHITE:
+        return np.iinfo(samples.dtype).max - samples
+    if page.photometric not in (PHOTOMETRIC.MINISBLACK, PHOTOMETRIC.RGB):
+        raise InputError(path, "photometric", PHOTOMETRIC(page.photometric).name, "RGB, grey or palette")
+    return samples
+
+
+def _read_npy(path: Path) -> Samples:
+    array = np.load(path, allow_pickle=False)
+    if array.dtype.kind != "f":
+        raise InputError(path, "dtype", array.dtype, "floats, linear radiance")
+    return array
+
+
+_READERS: dict[str, Callable[[Path], Samples]] = {
+    ".exr": _read_exr,
+    ".hdr": _read_bitmap,
+    ".npy": _read_npy,
+    ".png": _read_bitmap,
+    ".jpg": _read_jpeg,
+    ".jpeg": _read_jpeg,
+    ".tif": _read_tiff,
+    ".tiff": _read_tiff,
+}
+
+FORMATS = tuple(_READERS)
+
+
+def _split_alpha(
+    values: Float[np.ndarray, "h w c"],
+) -> tuple[Float[np.ndarray, "h w 3"], Float[np.ndarray, "h w"] | None]:
+    """Colour, grey repeated thrice, and the alpha channel, which is the last of two or four."""
+    channels = values.shape[2]
+    alpha = values[..., -1] if channels in (2, 4) else None
+    colour = values[..., :3] if channels >= 3 else np.repeat(values[..., :1], 3, axis=2)
+    return colour, alpha
+
+
+def _decode(colour: Float[np.ndarray, "h w 3"], encoding: str, path: Path) -> Float[np.ndarray, "h w 3"]:
+    """Undo the encoding curve. Negative samples, as only floats have, keep their sign under a gamma."""
+    match = ENCODING.fullmatch(encoding)
+    if match is None:
+        raise InputError(path, "encoding", repr(encoding), ENCODING_HELP)
+    if match[1]:
+        return np.sign(colour) * np.abs(colour) ** np.float32(match[1])
+    return colour if encoding == "linear" else _srgb_to_linear(colour)
+
+
+def _srgb_to_linear(colour: Float[np.ndarray, "h w 3"]) -> Float[np.ndarray, "h w 3"]:
+    import torch
+    from kornia.color import rgb_to_linear_rgb
+
+    return rgb_to_linear_rgb(torch.from_numpy(colour).movedim(-1, -3)).movedim(-3, -1).numpy()

@@ -1,0 +1,105 @@
+"""OBJ text made plain, so that no name, normal or index of a face is lost on the way through trimesh.
+
+trimesh forgets a material's name where the MTL is missing or one of its colours has one number, the normals where
+only some faces of a material have them, and counts relative indices from the end of the file. So it is given a
+file that says the same in one way only: absolute indices, and a number for each material and kind of face.
+"""
+
+from __future__ import annotations
+
+import codecs
+import re
+from dataclasses import dataclass, field
+from itertools import chain
+
+MATERIAL_FILE = "materials"
+_KINDS = ("v", "vt", "vn")
+
+
+@dataclass
+class PlainObj:
+    """What an OBJ file says about triangles and polygons.
+
+    Attributes:
+        vertices: the lines of each kind (v, vt, vn), in their order.
+        faces: the face lines, by material name and by the kinds that all corners refer to.
+        highest: the highest index used of each kind.
+    """
+
+    vertices: dict[str, list[str]] = field(default_factory=lambda: {kind: [] for kind in _KINDS})
+    faces: dict[tuple[str, tuple[str, ...]], list[str]] = field(default_factory=dict)
+    highest: dict[str, int] = field(default_factory=lambda: dict.fromkeys(_KINDS, 0))
+
+    @property
+    def names(self) -> list[str]:
+        """The material's name behind each number."""
+        return [name for name, _ in self.faces]
+
+    @property
+    def text(self) -> str:
+        """The file anew, with numbers for materials' names."""
+        lines = [f"mtllib {MATERIAL_FILE}", *chain.from_iterable(self.vertices.values())]
+        for number, faces in enumerate(self.faces.values()):
+            lines += [f"usemtl {number}", *faces]
+        return "\n".join(lines)
+
+    @property
+    def material_text(self) -> str:
+        """The material file that `text` refers to."""
+        return "\n".join(f"newmtl {number}\nKd 1 1 1" for number in range(len(self.faces)))
+
+    def add_face(self, material: str, corners: list[dict[str, int]]) -> None:
+        shared = tuple(kind for kind in _KINDS if all(kind in corner for corner in corners))
+        for kind in shared:
+            self.highest[kind] = max(self.highest[kind], *(corner[kind] for corner in corners))
+        separator = "//" if shared == ("v", "vn") else "/"
+        line = " ".join(["f", *(separator.join(str(corner[kind]) for kind in shared) for corner in corners)])
+        self.faces.setdefault((material, shared), []).append(line)
+
+    def corner(self, word: str) -> dict[str, int]:
+        """The absolute indices in "v/vt/vn", by kind.
+
+        Raises:
+            ValueError: not a number, 0, or relative to before the first vertex.
+        """
+        indices = {kind: int(part) for kind, part in zip(_KINDS, word.split("/"), strict=False) if part}
+        for kind, index in indices.items():
+            indices[kind] = index if index >= 0 else len(self.vertices[kind]) + 1 + index
+            if indices[kind] <= 0:
+                raise ValueError(f"{kind} index {index} of a face is out of range")
+        return indices
+
+
+def plain_obj(data: bytes, unnamed: str) -> PlainObj:
+    """The triangles and polygons of an OBJ file.
+
+    Args:
+        data: the file; UTF-8, UTF-16 with byte-order mark, or Latin-1.
+        unnamed: what to call the material of faces before the first `usemtl`.
+
+    Raises:
+        ValueError: an index that cannot be.
+    """
+    text = _decode(data)
+    missing = [kind for kind in _KINDS[1:] if not re.search(rf"^\s*{kind}\s", text, re.MULTILINE)]
+    plain, material = PlainObj(), unnamed
+    for line in re.sub(r"\\\r?\n", " ", text).splitlines():
+        key, *words = line.split() or [""]
+        if key == "usemtl":
+            material = " ".join(words) or unnamed
+        elif key in _KINDS:
+            plain.vertices[key].append(" ".join([key, *words[: 2 if key == "vt" else 3]]))
+        elif key == "f" and len(words := line.partition("#")[0].split()[1:]) >= 3:
+            corners = [plain.corner(word) for word in words]
+            # exporters refer to normals or texture coordinates that they did not write: the shape is whole
+            plain.add_face(material, [{k: i for k, i in c.items() if k not in missing} for c in corners])
+    return plain
+
+
+def _decode(data: bytes) -> str:
+    if data.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
+        return data.decode("utf-16")
+    try:
+        return data.decode("utf-8-sig")
+    except UnicodeDecodeError:
+        return data.decode("latin-1")
