@@ -1,0 +1,248 @@
+"""The result of a fit, as `result.json` holds it: strict JSON, full precision, format 1.
+
+A number that does not exist is null: a matte material has no `n`, a parameter that the photographs do not
+determine may have no standard error. NaN and Infinity are refused on the way out and on the way in.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import re
+from pathlib import Path
+from typing import Annotated, Generic, Literal, TypeVar
+
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError
+
+from renderer.atomic import write_text_atomically
+from renderer.errors import InputError
+
+FORMAT = 1
+Status = Literal["converged", "not_determined", "stopped"]
+MaterialType = Literal["metal", "glossy", "matte"]
+
+T = TypeVar("T")
+
+
+def _in_order(interval: tuple[float, float]) -> tuple[float, float]:
+    low, high = interval
+    if low > high:
+        raise ValueError(f"an interval [low, high] with low ≤ high, not [{low:g}, {high:g}]")
+    return interval
+
+
+NonNegative = Annotated[float, Field(ge=0)]
+Interval = Annotated[tuple[float, float], AfterValidator(_in_order)]
+
+
+class Record(BaseModel):
+    """A part of the result: cannot be changed, knows its keys, holds finite numbers only."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+
+class PerParameter(Record, Generic[T]):
+    """One T for each number of a material, under the parameter's name; None where it has none.
+
+    Attributes:
+        n, k: refractive index n + ik relative to air at the three channels, unitless; metals only.
+        f0: reflectance at normal incidence per channel, in [0, 1]; metals and glossy materials.
+        alpha: microfacet width, Mitsuba's; 0 is a mirror.
+        roughness: ρ, the thesis's blur radius, the viewer's number; 0 is a mirror.
+        color: diffuse colour, linear Rec. 709, in [0, 1]; glossy and matte materials.
+        reflectance: f of `schlick` per channel, in [0, 1]; glossy and matte materials.
+    """
+
+    n: tuple[T, T, T] | None = None
+    k: tuple[T, T, T] | None = None
+    f0: tuple[T, T, T] | None = None
+    alpha: T | None = None
+    roughness: T | None = None
+    color: tuple[T, T, T] | None = None
+    reflectance: tuple[T, T, T] | None = None
+
+
+StandardErrors = PerParameter[NonNegative | None]
+Intervals = PerParameter[Interval | None]
+Determined = PerParameter[bool | None]
+
+
+class Nearest(Record):
+    """A known material, and how far from it the fit is, in standard errors σ of the fit."""
+
+    name: str
+    distance: NonNegative
+
+
+class _Named(Record):
+    name: str
+    type: MaterialType
+
+
+class FittedMaterial(PerParameter[float], _Named):
+    """One material as fitted: its numbers, their 1 σ standard errors and 95 % intervals.
+
+    Attributes:
+        name: as the mesh's file calls it.
+        type: which of the model's materials (MODEL.md, 4).
+        determined: whether the photographs determine the number.
+        nearest: known materials, nearest first.
+    """
+
+    stderr: StandardErrors = StandardErrors()
+    interval95: Intervals = Intervals()
+    determined: Determined = Determined()
+    nearest: tuple[Nearest, ...] = ()
+
+
+class PictureQuality(Record):
+    """How alike photograph and fit are (`fitter.quality` defines the three); None where not computable.
+
+    Attributes:
+        rms_relative: root mean square difference over root mean square radiance, unitless.
+        psnr: peak signal-to-noise ratio of the tone-mapped pictures, dB.
+        ssim: structural similarity of the tone-mapped pictures, in [-1, 1].
+    """
+
+    rms_relative: NonNegative | None
+    psnr: float | None
+    ssim: float | None
+
+
+class PhotographQuality(PictureQuality):
+    """The quality of one photograph, which `name` tells apart from the others."""
+
+    name: str
+
+
+class Quality(Record):
+    """Quality per photograph, and of all together."""
+
+    overall: PictureQuality
+    photographs: tuple[PhotographQuality, ...] = ()
+
+
+class Model(Record):
+    """What was computed: the fidelity and what it stood for (MODEL.md, 6).
+
+    Attributes:
+        reflectance: Fresnel form, such as "conductor" or "schlick".
+        lobe: such as "ggx", "beckmann", "taps".
+        samples: directions per pixel and roughness.
+        pixels: how many pixels, of all photographs together, were fitted.
+        dtype: "float32" or "float64".
+    """
+
+    fidelity: str
+    reflectance: str
+    lobe: str
+    samples: Annotated[int, Field(ge=0)]
+    pixels: Annotated[int, Field(ge=0)]
+    dtype: str
+
+
+class Effect(Record):
+    """One of DESIGN.md's effects: whether it was simulated, and the measured reason."""
+
+    name: str
+    on: bool
+    why: str
+
+
+class Time(Record):
+    """Wall-clock seconds of each part; `total` holds start-up and the rest as well."""
+
+    load: NonNegative
+    prepare: NonNegative
+    solve: NonNegative
+    report: NonNegative
+    total: NonNegative
+
+
+class InputFile(Record):
+    """A file that was read, and the SHA-256 of its bytes in lower-case hexadecimal."""
+
+    path: str
+    sha256: Annotated[str, Field(pattern="^[0-9a-f]{64}$")]
+
+
+class Result(Record):
+    """All that a fit found, and what it was found from; the content of `result.json`.
+
+    Attributes:
+        message: one sentence for a person, which says why the status is what it is.
+        exposure: pixel value per radiance, one for each photograph.
+    """
+
+    format: Literal[1] = FORMAT
+    status: Status
+    message: str
+    materials: tuple[FittedMaterial, ...]
+    quality: Quality
+    exposure: tuple[NonNegative, ...]
+    model: Model
+    effects: tuple[Effect, ...]
+    time: Time
+    inputs: tuple[InputFile, ...]
+
+
+def write_result(result: Result, path: str | Path) -> None:
+    """Write `result` as strict JSON, whole or not at all; `read_result` gives it back exactly.
+
+    Raises:
+        InputError: the file cannot be written.
+    """
+    text = json.dumps(result.model_dump(mode="json"), allow_nan=False, ensure_ascii=False, indent=2)
+    write_text_atomically(path, _short_lists_on_one_line(text) + "\n")
+
+
+def read_result(path: str | Path) -> Result:
+    """Read a `result.json` of format 1.
+
+    Raises:
+        InputError: the file is missing or no text, is not JSON, or a field in it is wrong.
+    """
+    try:
+        text = Path(path).read_text(encoding="utf-8")
+        return Result.model_validate_json(text, strict=True)
+    except OSError as error:
+        raise InputError(path, expected=f"a result.json that can be read ({error.strerror})") from error
+    except UnicodeDecodeError as error:
+        raise InputError(path, expected="a result.json, which is UTF-8 text") from error
+    except ValidationError as error:
+        raise _as_input_error(error, path) from error
+
+
+def sha256_of(path: str | Path) -> str:
+    """SHA-256 of a file's bytes, 64 lower-case hexadecimal digits.
+
+    Raises:
+        InputError: the file cannot be read.
+    """
+    try:
+        with open(path, "rb") as file:
+            return hashlib.file_digest(file, "sha256").hexdigest()
+    except OSError as error:
+        raise InputError(path, expected=f"a file that can be read ({error.strerror})") from error
+
+
+def _short_lists_on_one_line(text: str) -> str:
+    """Put lists without text or objects in them on one line; a raw line break is never inside a string."""
+    return re.sub(r"\[\n[^\[\]{}\"]*\]", lambda match: " ".join(match[0].split()), text)
+
+
+def _as_input_error(error: ValidationError, path: str | Path) -> InputError:
+    """The first thing wrong, as one sentence."""
+    first = error.errors()[0]
+    field = "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in first["loc"])
+    found = first["input"] if field and not isinstance(first["input"], dict | list) else ""
+    return InputError(path, field.removeprefix("."), found, _expected(first["type"], first["msg"]))
+
+
+def _expected(kind: str, message: str) -> str:
+    """What pydantic's message asks for, as the end of a sentence that begins with "expected"."""
+    if kind == "missing":
+        return "this key, which is not there"
+    if kind == "extra_forbidden":
+        return f"no such key in format {FORMAT}"
+    return message.removeprefix("Value error, ").removeprefix("Input should be ").removeprefix("Invalid ")
