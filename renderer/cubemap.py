@@ -8,8 +8,8 @@ import torch
 from jaxtyping import Float, Int
 from torch import Tensor
 
-from renderer import pyramid as pyramids
-from renderer.pyramid import Pyramid
+from renderer import latlong
+from renderer.environment import Environment
 
 FACES = ("px", "nx", "py", "ny", "pz", "nz")
 
@@ -105,7 +105,9 @@ def with_margin(faces: Float[Tensor, "6 n n 3"]) -> Float[Tensor, "6 n+2 n+2 3"]
         padded[:, rows, columns] = faces[face, row, column]
     for row, inner_row in ((0, 1), (-1, -2)):
         for column, inner_column in ((0, 1), (-1, -2)):
-            touching = padded[:, inner_row, inner_column] + padded[:, row, inner_column] + padded[:, inner_row, column]
+            touching = (
+                padded[:, inner_row, inner_column] + padded[:, row, inner_column] + padded[:, inner_row, column]
+            )
             padded[:, row, column] = touching / 3
     return padded
 
@@ -119,14 +121,14 @@ def _nearest_texel(position: Float[Tensor, "*p"], size: int) -> Int[Tensor, "*p"
     return ((position + 1) / 2 * size).floor().long().clamp(0, size - 1)
 
 
-def from_latlong(pyramid: Pyramid, size: int) -> Cubemap:
-    """The environment resampled onto six faces of `size`² texels, each the mean over about its own solid angle.
+def from_environment(environment: Environment, size: int) -> Cubemap:
+    """The environment resampled onto six faces of `size`² texels; a texel is the mean of its part of the map.
 
     Args:
-        pyramid: the environment's levels.
+        environment: the map.
         size: texels along a face's side; a quarter of the map's width keeps its resolution.
     """
-    x, y, z = face_directions(size).to(pyramid.atlas).unbind(-1)
-    solid_angle = 4 * torch.pi / (6 * size**2)
-    level = torch.log2(torch.tensor(solid_angle / pyramid.texel_solid_angle)) / 2
-    return Cubemap(pyramids.lookup(pyramid, x, y, z, level.round().clamp_min(0).to(x).expand_as(x)))
+    finer = max(1, -(-environment.radiance.shape[1] // (4 * size)))
+    x, y, z = face_directions(size * finer).float().unbind(-1)
+    fine = latlong.lookup(latlong.of(environment), x, y, z).permute(0, 3, 1, 2)
+    return Cubemap(torch.nn.functional.avg_pool2d(fine, finer).permute(0, 2, 3, 1).contiguous())

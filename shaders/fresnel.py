@@ -11,7 +11,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 
-def schlick(cos_d: Float[Tensor, "*p"], f0: Float[Tensor, "..."]) -> Float[Tensor, "*p"]:
+def schlick(cos_d: Float[Tensor, "*p"], f0: Float[Tensor, ...]) -> Float[Tensor, "*p"]:
     """Schlick's approximation of the Fresnel reflectance.
 
         F = f + (1-f)(1-c)⁵        [Schlick 1994, eq. 15; thesis 2.2]
@@ -26,9 +26,7 @@ def schlick(cos_d: Float[Tensor, "*p"], f0: Float[Tensor, "..."]) -> Float[Tenso
     return f0 + (1 - f0) * (1 - cos_d) ** 5
 
 
-def lazanyi(
-    cos_d: Float[Tensor, "*p"], n: Float[Tensor, "..."], k: Float[Tensor, "..."]
-) -> Float[Tensor, "*p"]:
+def lazanyi(cos_d: Float[Tensor, "*p"], n: Float[Tensor, ...], k: Float[Tensor, ...]) -> Float[Tensor, "*p"]:
     """Lazányi's reflectance of a metal, as the thesis uses it (without the error-compensation term).
 
         F = [(n-1)² + 4n(1-c)⁵ + k²] / [(n+1)² + k²]        [Lazányi 2005, eq. 4; thesis 2.3]
@@ -45,9 +43,7 @@ def lazanyi(
     return ((n - 1) ** 2 + 4 * n * (1 - cos_d) ** 5 + k**2) / ((n + 1) ** 2 + k**2)
 
 
-def conductor(
-    cos_d: Float[Tensor, "*p"], n: Float[Tensor, "..."], k: Float[Tensor, "..."]
-) -> Float[Tensor, "*p"]:
+def conductor(cos_d: Float[Tensor, "*p"], n: Float[Tensor, ...], k: Float[Tensor, ...]) -> Float[Tensor, "*p"]:
     """Exact unpolarised reflectance of a conductor seen from air.
 
         a + ib = √((n + ik)² - s²),   s² = 1 - c²
@@ -84,7 +80,7 @@ def _principal_root(
     return torch.where(positive, larger, smaller), torch.where(positive, smaller, larger)
 
 
-def dielectric(cos_d: Float[Tensor, "*p"], ior: Float[Tensor, "..."]) -> Float[Tensor, "*p"]:
+def dielectric(cos_d: Float[Tensor, "*p"], ior: Float[Tensor, ...]) -> Float[Tensor, "*p"]:
     """Exact unpolarised reflectance of a smooth dielectric seen from air.
 
         g² = η² - 1 + c²
@@ -150,9 +146,7 @@ def edge_tint(n: Float[Tensor, "*p"], k: Float[Tensor, "*p"]) -> tuple[Float[Ten
     return r, (n_max - n) / (n_max - n_min)
 
 
-def from_edge_tint(
-    r: Float[Tensor, "*p"], g: Float[Tensor, "*p"]
-) -> tuple[Float[Tensor, "*p"], Float[Tensor, "*p"]]:
+def from_edge_tint(r: Float[Tensor, "*p"], g: Float[Tensor, "*p"]) -> tuple[Float[Tensor, "*p"], Float[Tensor, "*p"]]:
     """n and k from reflectivity r in (0, 1) and edge tint g; the inverse of `edge_tint` [Gulbrandsen 2014, eq. 12]."""
     n = g * (1 - r) / (1 + r) + (1 - g) * index_limit(r)
     return n, extinction(r, n)

@@ -20,7 +20,7 @@ TAPS_PER_SIDE = 3  # i, j = -3 … 3 make the thesis's 49 taps
 TAP_SIGMA = 1.5  # in taps, so that σ = ρ/2 when three taps span ρ
 
 
-def tap_weights() -> Float[Tensor, "7"]:
+def tap_weights() -> Float[Tensor, 7]:
     """Weights of one pass of the blur, ∝ exp(-½(i/1.5)²) for i = -3 … 3, summing to one [MODEL.md 3.1]."""
     i = torch.arange(-TAPS_PER_SIDE, TAPS_PER_SIDE + 1, dtype=torch.float64)
     weights = torch.exp(-0.5 * (i / TAP_SIGMA) ** 2)
@@ -66,7 +66,7 @@ def tap_directions(r: Float[Tensor, "*p 3"], rho: Float[Tensor, "*q"]) -> Float[
 
 
 def distribution_of_normals(
-    cos_h: Float[Tensor, "*p"], alpha: Float[Tensor, "..."], distribution: Distribution
+    cos_h: Float[Tensor, "*p"], alpha: Float[Tensor, ...], distribution: Distribution
 ) -> Float[Tensor, "*p"]:
     """D(h), the density of microfacet normals per solid angle and projected area.
 
@@ -87,9 +87,7 @@ def distribution_of_normals(
     return torch.exp(-sin2 / (cos2 * alpha**2)) / (math.pi * (alpha * cos2) ** 2)
 
 
-def smith_g1(
-    cos: Float[Tensor, "*p"], alpha: Float[Tensor, "..."], distribution: Distribution
-) -> Float[Tensor, "*p"]:
+def smith_g1(cos: Float[Tensor, "*p"], alpha: Float[Tensor, ...], distribution: Distribution) -> Float[Tensor, "*p"]:
     """G1, the share of microfacets that a direction sees unmasked, under Smith's assumption.
 
         GGX       G1 = 2 / (1 + √(1 + α² tan²))                               [Walter 2007, eq. 34]

@@ -1,0 +1,37 @@
+"""Chebyshev interpolation on an interval: the smooth way to store a curve by a handful of its values."""
+
+from __future__ import annotations
+
+import math
+
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+
+def nodes(count: int) -> Float[Tensor, " count"]:
+    """The `count` extrema of a Chebyshev polynomial, ascending from -1 to 1 (0 for a single node), float64."""
+    if count == 1:
+        return torch.zeros(1, dtype=torch.float64)
+    return -torch.cos(math.pi * torch.arange(count, dtype=torch.float64) / (count - 1))
+
+
+def polynomials(x: Float[Tensor, "*p"], count: int) -> Float[Tensor, count * p]:
+    """T_0(x) … T_{count-1}(x) by their recurrence T_{j+1} = 2x T_j - T_{j-1}, for x in [-1, 1]."""
+    values = [torch.ones_like(x), x]
+    while len(values) < count:
+        values.append(2 * x * values[-1] - values[-2])
+    return torch.stack(values[:count])
+
+
+def coefficients(values: Float[Tensor, count * p]) -> Float[Tensor, count * p]:
+    """Coefficients c_j with Σ_j c_j T_j(x) equal to `values` at `nodes(count)`."""
+    count = len(values)
+    basis = polynomials(nodes(count), count).T.to(values)
+    return torch.linalg.solve(basis, values.reshape(count, -1)).reshape(values.shape)
+
+
+def weights(x: Float[Tensor, ""], count: int) -> Float[Tensor, " count"]:
+    """Weights w with f(x) ≈ Σ_j w_j f(node_j); differentiable with respect to x."""
+    basis = polynomials(nodes(count), count).to(x)
+    return torch.linalg.solve(basis, polynomials(x, count))

@@ -1,0 +1,147 @@
+"""Per-pixel geometry: what each camera ray meets, and how the surface lies there."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, fields
+
+import numpy as np
+import torch
+from jaxtyping import Bool, Float, Int
+from torch import Tensor
+
+from renderer.camera import Camera
+from renderer.mesh import Mesh, Shape, Sphere
+
+
+@dataclass(frozen=True)
+class GBuffer:
+    """The surface seen along each of a set of rays; any leading shape. Values off the object are zero.
+
+    Attributes:
+        hit: whether the ray meets the object.
+        position: world space.
+        normal: unit shading normal, interpolated where the mesh has vertex normals.
+        geometric_normal: unit normal of the surface itself.
+        uv: texture coordinates.
+        view: unit direction back along the ray, to the camera.
+        material: index into the mesh's material names.
+    """
+
+    hit: Bool[Tensor, "*p"]
+    position: Float[Tensor, "*p 3"]
+    normal: Float[Tensor, "*p 3"]
+    geometric_normal: Float[Tensor, "*p 3"]
+    uv: Float[Tensor, "*p 2"]
+    view: Float[Tensor, "*p 3"]
+    material: Int[Tensor, "*p"]
+
+    @property
+    def n_dot_v(self) -> Float[Tensor, "*p"]:
+        """Cosine between the shading normal and the view direction; 0 off the object."""
+        return (self.normal * self.view).sum(-1)
+
+    @property
+    def front(self) -> Bool[Tensor, "*p"]:
+        """Whether the ray meets the outer side, by the shading normal and by the geometric one."""
+        return self.hit & (self.n_dot_v > 0) & ((self.geometric_normal * self.view).sum(-1) > 0)
+
+    def __getitem__(self, index: object) -> GBuffer:
+        return GBuffer(*(getattr(self, f.name)[index] for f in fields(self)))
+
+    def reshape(self, *shape: int) -> GBuffer:
+        """The same rays under another leading shape."""
+        lead = self.hit.dim()
+        return GBuffer(*((t := getattr(self, f.name)).reshape(*shape, *t.shape[lead:]) for f in fields(self)))
+
+
+Tracer = Callable[[Float[Tensor, "p 3"], Float[Tensor, "p 3"]], GBuffer]
+
+
+def concatenate(buffers: list[GBuffer]) -> GBuffer:
+    """Several G-buffers, one after another along the first axis."""
+    return GBuffer(*(torch.cat([getattr(b, f.name) for b in buffers]) for f in fields(GBuffer)))
+
+
+def tracer(shape: Shape) -> Tracer:
+    """A function from rays (origins, unit directions, float64 [p, 3]) to the G-buffer of their nearest hits."""
+    return _trace_sphere if isinstance(shape, Sphere) else _mesh_tracer(shape)
+
+
+def pixel_centres(trace: Tracer, camera: Camera) -> GBuffer:
+    """The G-buffer [height, width] of rays through the pixels' centres."""
+    row, column = torch.meshgrid(torch.arange(camera.height), torch.arange(camera.width), indexing="ij")
+    origins, directions = camera.rays(column.flatten() + 0.5, row.flatten() + 0.5)
+    return trace(origins, directions).reshape(camera.height, camera.width)
+
+
+def pixel_footprints(
+    trace: Tracer, camera: Camera, column: Int[Tensor, " p"], row: Int[Tensor, " p"], side: int
+) -> GBuffer:
+    """The G-buffer [p, side²] of a regular grid of rays inside each given pixel.
+
+    A photograph's pixel is a mean over its area; near the silhouette it sees many angles at once.
+    """
+    offset = (torch.arange(side, dtype=torch.float64) + 0.5) / side
+    dy, dx = (grid.flatten() for grid in torch.meshgrid(offset, offset, indexing="ij"))
+    x, y = column[:, None] + dx, row[:, None] + dy
+    origins, directions = camera.rays(x.flatten(), y.flatten())
+    return trace(origins, directions).reshape(len(column), side**2)
+
+
+def _trace_sphere(origins: Float[Tensor, "p 3"], directions: Float[Tensor, "p 3"]) -> GBuffer:
+    along = (origins * directions).sum(-1, keepdim=True)
+    nearest = origins - along * directions
+    inside = 1 - (nearest**2).sum(-1, keepdim=True)  # keeps its digits from far away, unlike b² - 4ac
+    half_chord = inside.clamp_min(0).sqrt()
+    distance = torch.where(-along - half_chord > 0, -along - half_chord, -along + half_chord)
+    hit = ((inside > 0) & (distance > 0))[:, 0]
+    normal = torch.nn.functional.normalize(nearest + (distance + along) * directions, dim=-1)
+    normal = torch.where(hit[:, None], normal, 0.0)
+    azimuth = torch.atan2(normal[:, 1], normal[:, 0]) / (2 * math.pi)
+    uv = torch.stack([azimuth - azimuth.floor(), torch.acos(normal[:, 2].clamp(-1, 1)) / math.pi], -1)
+    uv = torch.where(hit[:, None], uv, 0.0)
+    return GBuffer(hit, normal, normal, normal, uv, -directions, torch.zeros(len(hit), dtype=torch.long))
+
+
+def _mesh_tracer(mesh: Mesh) -> Tracer:
+    from renderer import to_mitsuba
+
+    mi = to_mitsuba.mitsuba("scalar_rgb")
+    scene = mi.load_dict({"type": "scene", "object": to_mitsuba.mitsuba_shape(mesh)})
+
+    def trace(origins: Float[Tensor, "p 3"], directions: Float[Tensor, "p 3"]) -> GBuffer:
+        face = np.full(len(origins), -1)
+        weights = np.zeros((len(origins), 2))
+        for i, (origin, direction) in enumerate(zip(origins.tolist(), directions.tolist(), strict=True)):
+            found = scene.ray_intersect_preliminary(mi.Ray3f(origin, direction))
+            if found.is_valid():
+                face[i] = found.prim_index
+                weights[i] = found.prim_uv
+        return _interpolate(mesh, face, weights, directions)
+
+    return trace
+
+
+def _interpolate(
+    mesh: Mesh,
+    face: Int[np.ndarray, " p"],
+    weights: Float[np.ndarray, "p 2"],
+    directions: Float[Tensor, "p 3"],
+) -> GBuffer:
+    """Surface attributes at barycentric `weights` of the second and third corner of each hit face."""
+    hit = face >= 0
+    corner = mesh.faces[face]
+    barycentric = np.concatenate([1 - weights.sum(1, keepdims=True), weights], 1)[..., None]
+
+    def mix(attribute: Float[np.ndarray, "v c"]) -> Float[Tensor, "p c"]:
+        return torch.from_numpy(np.where(hit[:, None], (attribute[corner] * barycentric).sum(1), 0.0))
+
+    a, b, c = (mesh.vertices[corner[:, i]] for i in range(3))
+    flat = torch.from_numpy(np.where(hit[:, None], np.cross(b - a, c - a), 0.0))
+    geometric = torch.nn.functional.normalize(flat, dim=-1)
+    normal = geometric if mesh.normals is None else torch.nn.functional.normalize(mix(mesh.normals), dim=-1)
+    uv = mix(np.zeros((len(mesh.vertices), 2)) if mesh.uv is None else mesh.uv)
+    material = torch.from_numpy(np.where(hit, mesh.material[face], 0))
+    return GBuffer(torch.from_numpy(hit), mix(mesh.vertices), normal, geometric, uv, -directions, material)

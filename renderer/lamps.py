@@ -1,0 +1,91 @@
+"""Directions drawn where the light is: what finds a small bright lamp that a wide lobe would miss."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from jaxtyping import Float, Int
+from torch import Tensor
+
+from renderer.environment import Environment
+from renderer.latlong import row_edges, row_solid_angle, with_border
+
+
+@dataclass(frozen=True)
+class LampSampler:
+    """Draws texels of an environment in proportion to their light, along a curve that keeps neighbours together.
+
+    Attributes:
+        order: texels (row · width + column) along a Z-order curve, so that strata of the sum are compact patches.
+        cumulative: share of all light up to and including each texel of `order`, float64.
+        density: density per steradian of each texel, by row · width + column.
+        width, height, rotation: of the environment.
+    """
+
+    order: Int[Tensor, " t"]
+    cumulative: Float[Tensor, " t"]
+    density: Float[Tensor, " t"]
+    width: int
+    height: int
+    rotation: float
+
+
+def build(environment: Environment) -> LampSampler:
+    """The sampler of an environment."""
+    height, width = environment.radiance.shape[:2]
+    density = sampling_density(environment)
+    share = (density.double() * row_solid_angle(height, width)[:, None]).flatten()
+    order = torch.from_numpy(_z_order(height, width))
+    cumulative = share[order].cumsum(0)
+    return LampSampler(order, cumulative / cumulative[-1], density.flatten(), width, height, environment.rotation)
+
+
+def sample(
+    lamps: LampSampler, u: Float[Tensor, "*p"], u1: Float[Tensor, "*p"], u2: Float[Tensor, "*p"]
+) -> tuple[Float[Tensor, "*p"], Float[Tensor, "*p"], Float[Tensor, "*p"], Float[Tensor, "*p"]]:
+    """Directions with a density that is constant within each texel.
+
+    Args:
+        u: chooses the texel, in [0, 1).
+        u1, u2: choose the place within it, uniformly in solid angle, in [0, 1).
+
+    Returns:
+        x, y, z of unit directions in world space, and their density per steradian.
+    """
+    at = torch.searchsorted(lamps.cumulative, u.double(), right=True).clamp_max(len(lamps.order) - 1)
+    texel = lamps.order[at]
+    row, column = texel // lamps.width, texel % lamps.width
+    cosines = row_edges(lamps.height).cos().to(u)
+    y = cosines[row] + u1 * (cosines[row + 1] - cosines[row])
+    azimuth = 2 * math.pi * ((column + u2) / lamps.width - lamps.rotation / 360)
+    radius = ((1 - y) * (1 + y)).clamp_min(0).sqrt()
+    return radius * torch.sin(azimuth), y, -radius * torch.cos(azimuth), lamps.density[texel]
+
+
+def sampling_density(environment: Environment) -> Float[Tensor, "h w"]:
+    """Density per steradian of directions drawn in proportion to the light, one value per texel.
+
+    Each texel counts the mean of itself and its eight neighbours, so that the half of a bilinear ramp that lies in
+    the dark texel beside a lamp is drawn as well.
+    """
+    light = environment.radiance.mean(2)[None, None]
+    spread = torch.nn.functional.avg_pool2d(with_border(light), 3, stride=1)[0, 0]
+    total = (spread.double() * row_solid_angle(*spread.shape)[:, None]).sum()
+    return (spread / total).to(environment.radiance)
+
+
+def _z_order(height: int, width: int) -> Int[np.ndarray, " t"]:
+    """Indices row · width + column of all texels, sorted along a Z-order curve [Morton 1966]."""
+    row, column = np.divmod(np.arange(height * width, dtype=np.uint64), np.uint64(width))
+    return np.argsort(_spread_bits(row) << np.uint64(1) | _spread_bits(column), kind="stable").astype(np.int64)
+
+
+def _spread_bits(value: np.ndarray) -> np.ndarray:
+    """Each bit b of a number below 2³² moved to bit 2b."""
+    for shift, mask in ((16, 0x0000FFFF0000FFFF), (8, 0x00FF00FF00FF00FF), (4, 0x0F0F0F0F0F0F0F0F)):
+        value = (value | value << np.uint64(shift)) & np.uint64(mask)
+    value = (value | value << np.uint64(2)) & np.uint64(0x3333333333333333)
+    return (value | value << np.uint64(1)) & np.uint64(0x5555555555555555)

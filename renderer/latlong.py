@@ -1,0 +1,72 @@
+"""Bilinear lookups in a latitude-longitude environment, seamless and laid out as Mitsuba's `envmap`."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from renderer.environment import Environment
+
+
+@dataclass(frozen=True)
+class LatLong:
+    """Channels over the sphere of directions.
+
+    Attributes:
+        texels: [1, c, h + 2, w + 2]; a border of one texel, wrapped left and right and repeated at the poles, makes
+            every lookup an ordinary one.
+        rotation: degrees by which the map is turned about +Y.
+    """
+
+    texels: Float[Tensor, "1 c h+2 w+2"]
+    rotation: float
+
+
+def of(environment: Environment, *further: Float[Tensor, "h w"]) -> LatLong:
+    """The map of an environment's red, green and blue, and of any further channels."""
+    channels = torch.cat([environment.radiance, *(channel[..., None] for channel in further)], 2)
+    return LatLong(with_border(channels.permute(2, 0, 1)[None]), environment.rotation)
+
+
+def lookup(
+    latlong: LatLong, x: Float[Tensor, "*p"], y: Float[Tensor, "*p"], z: Float[Tensor, "*p"]
+) -> Float[Tensor, "*p c"]:
+    """All channels in given directions.
+
+    As in Mitsuba u = atan2(x, -z)/2π has its column centres at (i + ½)/w, and v = acos(y)/π its row centres at
+    j/(h - 1), so that the outermost rows lie at the poles.
+
+    Args:
+        x, y, z: components of unit directions in world space.
+    """
+    rows, columns = latlong.texels.shape[2:]
+    u = torch.atan2(x, -z) / (2 * math.pi) + latlong.rotation / 360
+    v = torch.acos(y.clamp(-1, 1)) / math.pi
+    column = (u - u.floor()) * (columns - 2) + 1
+    row = v * (rows - 3) + 1.5
+    grid = torch.stack([column * (2 / columns) - 1, row * (2 / rows) - 1], -1).reshape(1, -1, 1, 2)
+    found = torch.nn.functional.grid_sample(latlong.texels, grid, mode="bilinear", align_corners=False)
+    return found[0, :, :, 0].T.reshape(*x.shape, -1)
+
+
+def row_edges(height: int) -> Float[Tensor, " h+1"]:
+    """Polar angles between which the texels of each row lie, from 0 to π, float64."""
+    if height == 1:
+        return torch.tensor([0.0, math.pi], dtype=torch.float64)
+    between = (torch.arange(height - 1, dtype=torch.float64) + 0.5) * math.pi / (height - 1)
+    return torch.cat([torch.zeros(1), between, torch.full((1,), math.pi)])
+
+
+def row_solid_angle(height: int, width: int) -> Float[Tensor, " h"]:
+    """Solid angle of one texel in each row, in steradian, float64; the first and last row are polar caps."""
+    return -row_edges(height).cos().diff() * 2 * math.pi / width
+
+
+def with_border(channels: Float[Tensor, "1 c h w"]) -> Float[Tensor, "1 c h+2 w+2"]:
+    """One more texel on each side: the other end of the row, and the polar row once more."""
+    wrapped = torch.nn.functional.pad(channels, (1, 1, 0, 0), mode="circular")
+    return torch.nn.functional.pad(wrapped, (0, 0, 1, 1), mode="replicate")
