@@ -1,0 +1,182 @@
+"""One self-contained page that shows what a fit found, how well, and what it took."""
+
+from __future__ import annotations
+
+import base64
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from math import floor, log10
+from pathlib import Path
+from typing import Any
+
+from jinja2 import Environment, FileSystemLoader, StrictUndefined
+from markupsafe import Markup
+
+from fitter.catalogue import Metal, read_catalogue
+from fitter.curves import CHANNELS, reflectance_curve, reflectance_svg
+from fitter.pictures import DIFFERENCE_RANGE, Rgba, comparison_png, difference_colors, png, tiles
+from fitter.quality import ViewPictures
+from fitter.result import FittedMaterial, PerParameter, Result
+
+__all__ = ["ViewPictures", "comparison_png", "render_report"]
+
+PARAMETERS = {
+    "n": "refractive index",
+    "k": "extinction coefficient",
+    "f0": "reflectance from the front",
+    "alpha": "microfacet width",
+    "roughness": "blur radius ρ of the viewer",
+    "color": "diffuse colour",
+    "reflectance": "reflectance",
+}
+
+VERDICTS = {
+    "converged": "The fit converged.",
+    "not_determined": "The fit ended, but the photographs do not determine the material.",
+    "stopped": "The fit was stopped before it converged.",
+}
+
+NEAREST_SHOWN = 3
+
+
+@dataclass(frozen=True)
+class Row:
+    """One number of the parameter table, in words and digits."""
+
+    parameter: str
+    meaning: str
+    channel: str
+    color: str
+    value: str
+    interval: str
+    determined: str
+
+
+def render_report(result: Result, views: Sequence[ViewPictures], *, command: str = "") -> str:
+    """The report as one HTML page: pictures, curves and style inside, nothing loaded from elsewhere.
+
+    Args:
+        result: what was found; everything shown but the pictures comes from it.
+        views: the pictures of each photograph, in the result's order, with its names.
+        command: the command line that made the result, shown as it is; "" shows none.
+
+    Returns:
+        HTML text, UTF-8 when written.
+    """
+    page = Environment(
+        loader=FileSystemLoader(Path(__file__).parent),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    page.filters["number"] = _number
+    page.filters["picture"] = _data_uri
+    known = {key: metal for metal in read_catalogue() for key in (metal.name, metal.title)}
+    return page.get_template("report.html").render(
+        result=result,
+        verdict=VERDICTS[result.status],
+        headlines=[_headline(material, known) for material in result.materials],
+        rows=tiles(views),
+        quality={quality.name: quality for quality in result.quality.photographs},
+        difference_range=DIFFERENCE_RANGE,
+        difference_colors=difference_colors(),
+        tables=[(material, list(_rows(material))) for material in result.materials],
+        curves=[_curves(material, result.model.reflectance, known) for material in result.materials],
+        time=_shares(result),
+        command=command,
+    )
+
+
+def _headline(material: FittedMaterial, known: dict[str, Metal]) -> str:
+    """What one material is, as a sentence."""
+    sentence = f"{material.name}: {'a metal' if material.type == 'metal' else material.type}"
+    if material.nearest:
+        near = [f"{_title(metal.name, known)} ({metal.distance:.2g} σ)" for metal in material.nearest[:2]]
+        sentence += f", nearest to {', then '.join(near)}"
+    if material.alpha is not None:
+        sentence += f"; alpha {_with_error(material.alpha, material.stderr.alpha)}"
+    return sentence + "."
+
+
+def _title(name: str, known: dict[str, Metal]) -> str:
+    return known[name].title if name in known else name
+
+
+def _curves(material: FittedMaterial, form: str, known: dict[str, Metal]) -> Markup:
+    nearest = [
+        (f"{known[near.name].title} ({near.distance:.2g} σ)", known[near.name])
+        for near in material.nearest[:NEAREST_SHOWN]
+        if near.name in known
+    ]
+    return Markup(reflectance_svg(reflectance_curve(material, form), nearest, material.name))
+
+
+def _rows(material: FittedMaterial) -> Iterator[Row]:
+    """The numbers that the material has, in the order of PARAMETERS."""
+    for parameter, meaning in PARAMETERS.items():
+        value = getattr(material, parameter)
+        if value is None:
+            continue
+        triple = isinstance(value, tuple)
+        of_each = [_each(getattr(part, parameter), triple) for part in _with_uncertainty(material)]
+        for channel, (number, error, interval, determined) in enumerate(zip(*of_each, strict=True)):
+            name, color = CHANNELS[channel] if triple else ("", "")
+            yield Row(
+                parameter if channel == 0 else "",
+                meaning if channel == 0 else "",
+                name,
+                color,
+                _with_error(number, error),
+                _interval(interval, error),
+                {True: "determined", False: "not determined", None: "–"}[determined],
+            )
+
+
+def _with_uncertainty(material: FittedMaterial) -> tuple[PerParameter[Any], ...]:
+    return material, material.stderr, material.interval95, material.determined
+
+
+def _each(value: Any, triple: bool) -> tuple[Any, ...]:
+    """A parameter's values by channel; of a missing triple, three Nones."""
+    if triple:
+        return value if value is not None else (None,) * 3
+    return (value,)
+
+
+def _with_error(value: float, error: float | None) -> str:
+    """`0.2310 ± 0.0062 (2.7 %)`: two digits of the error, and the value as far."""
+    if not error:
+        return _number(value)
+    decimals = _decimals(error)
+    percent = f" ({100 * error / abs(value):.2g} %)" if value and error < 10 * abs(value) else ""
+    return f"{value:.{decimals}f} ± {error:.{decimals}f}{percent}"
+
+
+def _interval(interval: tuple[float, float] | None, error: float | None) -> str:
+    if interval is None:
+        return "–"
+    decimals = _decimals(error or interval[1] - interval[0])
+    return f"{interval[0]:.{decimals}f} … {interval[1]:.{decimals}f}"
+
+
+def _decimals(error: float) -> int:
+    """Decimals that show two digits of `error`, at most eight."""
+    return min(max(1 - floor(log10(error)), 0), 8) if error > 0 else 4
+
+
+def _number(value: float | None, digits: int = 4, unit: str = "") -> str:
+    """A number to read, or a dash where there is none."""
+    return "–" if value is None else f"{value:.{digits}g}{unit}"
+
+
+def _data_uri(picture: Rgba) -> str:
+    return "data:image/png;base64," + base64.b64encode(png(picture)).decode("ascii")
+
+
+def _shares(result: Result) -> list[tuple[str, float, float]]:
+    """Where the time went: part, seconds, and its share of the bar, which sums to 1."""
+    parts = result.time.model_dump(exclude={"total"})
+    parts["the rest"] = max(result.time.total - sum(parts.values()), 0.0)
+    total = sum(parts.values()) or 1.0
+    return [(name, seconds, seconds / total) for name, seconds in parts.items()]
