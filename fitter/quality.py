@@ -61,9 +61,7 @@ def compare(
     if not np.array_equal(a[inside], b[inside]):
         psnr = float(peak_signal_noise_ratio(a[inside], b[inside], data_range=1.0))
     if min(inside.shape) >= SSIM_WINDOW:
-        index = structural_similarity(a, b, win_size=SSIM_WINDOW, data_range=1.0, channel_axis=-1, full=True)[
-            1
-        ]
+        index = structural_similarity(a, b, win_size=SSIM_WINDOW, data_range=1.0, channel_axis=-1, full=True)[1]
         ssim = float(np.mean(index[inside]))
     rms = float(np.sqrt(np.mean(difference**2) / np.mean(photograph[mask].astype(np.float64) ** 2)))
     return PictureQuality(rms_relative=rms, psnr=psnr, ssim=ssim)
@@ -74,8 +72,7 @@ def assess(views: Sequence[ViewPictures]) -> Quality:
     each = [compare(view.photograph, view.fit, view.mask) for view in views]
     overall = PictureQuality(**{number: _mean(each, number) for number in PictureQuality.model_fields})
     named = tuple(
-        PhotographQuality(name=view.name, **quality.model_dump())
-        for view, quality in zip(views, each, strict=True)
+        PhotographQuality(name=view.name, **quality.model_dump()) for view, quality in zip(views, each, strict=True)
     )
     return Quality(overall=overall, photographs=named)
 

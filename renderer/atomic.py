@@ -38,9 +38,7 @@ def write_bytes_atomically(path: str | Path, data: bytes) -> None:
 
 
 @contextmanager
-def replaced_together(
-    directory: str | Path, *, last: str = "result.json", option: str = "-o"
-) -> Iterator[Path]:
+def replaced_together(directory: str | Path, *, last: str = "result.json", option: str = "-o") -> Iterator[Path]:
     """Lend a temporary folder whose files replace those of `directory` when the block ends well.
 
     If the block raises anything, KeyboardInterrupt included, `directory` keeps every file it had.

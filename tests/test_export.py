@@ -1,0 +1,37 @@
+import pytest
+from test_result import gold, result
+
+from fitter.export import export
+from fitter.mtl import ordinary_mtl, thesis_mtl
+from renderer.errors import InputError
+
+
+def test_each_format_is_its_own_file(tmp_path):
+    files = export(result(), ["thesis", "mtl"], tmp_path / "out", "scene")
+    assert files == (tmp_path / "out" / "scene.thesis.mtl", tmp_path / "out" / "scene.mtl")
+    assert [file.read_text() for file in files] == [thesis_mtl([gold()]), ordinary_mtl([gold()])]
+    assert sorted(tmp_path.rglob("*.*")) == sorted(files)
+
+
+def test_unknown_format_names_the_nearest(tmp_path):
+    with pytest.raises(InputError, match=r"^--to: is 'tesis', expected one of thesis, mtl; the nearest is thesis"):
+        export(result(), ["mtl", "tesis"], tmp_path / "out", "scene")
+    assert not (tmp_path / "out").exists()
+
+
+def test_stem_is_one_name(tmp_path):
+    with pytest.raises(InputError, match="without folders"):
+        export(result(), ["mtl"], tmp_path, "../scene")
+
+
+def test_all_files_or_none(tmp_path):
+    no_roughness = result(materials=(gold(roughness=None),))
+    with pytest.raises(ValueError, match="no roughness"):
+        export(no_roughness, ["mtl", "thesis"], tmp_path, "scene")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_output_that_is_a_file(tmp_path):
+    (tmp_path / "out").write_text("")
+    with pytest.raises(InputError, match=r"^-o: is .*out, expected a folder"):
+        export(result(), ["mtl"], tmp_path / "out", "scene")
