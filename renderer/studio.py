@@ -51,11 +51,11 @@ class Lamp:
 # Placed all round, at many heights, and with no symmetry: a map that is mirrored, turned or upside down by
 # mistake shows in the picture, and every view has light behind the object for its grazing reflections.
 SOFT_BOXES = (
-    SoftBox((-0.75, 0.75, 0.65), (0.55, 0.40), 14, (9.0, 8.6, 8.0)),
-    SoftBox((1.00, 0.20, 0.45), (0.16, 0.75), -6, (4.2, 4.8, 5.6)),
-    SoftBox((0.35, 0.60, -1.00), (0.75, 0.22), 22, (5.5, 5.2, 5.0)),
-    SoftBox((-1.00, -0.15, -0.55), (0.30, 0.45), -18, (2.6, 1.9, 1.3)),
-    SoftBox((0.10, -0.80, 0.75), (0.50, 0.18), 35, (1.1, 1.2, 1.5)),
+    SoftBox((-0.75, 0.75, 0.65), (0.55, 0.40), 14, (9.0, 8.0, 6.8)),
+    SoftBox((1.00, 0.20, 0.45), (0.16, 0.75), -6, (4.0, 4.2, 4.6)),
+    SoftBox((0.35, 0.60, -1.00), (0.75, 0.22), 22, (5.6, 5.0, 4.3)),
+    SoftBox((-1.00, -0.15, -0.55), (0.30, 0.45), -18, (2.8, 1.9, 1.2)),
+    SoftBox((0.10, -0.80, 0.75), (0.50, 0.18), 35, (1.3, 1.2, 1.2)),
 )
 LAMPS = (
     Lamp((0.30, 0.85, 0.60), 1.5, (200.0, 190.0, 170.0)),
@@ -65,7 +65,7 @@ LAMPS = (
     Lamp((0.60, -0.35, 0.80), 2.0, (55.0, 30.0, 48.0)),
     Lamp((0.55, -0.75, -0.60), 2.4, (24.0, 22.0, 18.0)),
 )
-CEILING, HORIZON, FLOOR = (0.24, 0.25, 0.28), (0.40, 0.38, 0.36), (0.12, 0.09, 0.07)
+CEILING, HORIZON, FLOOR = (0.16, 0.17, 0.21), (0.42, 0.35, 0.29), (0.16, 0.11, 0.10)
 
 
 def texel_solid_angles(height: int, width: int) -> Float[np.ndarray, "h 1"]:

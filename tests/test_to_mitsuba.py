@@ -77,9 +77,7 @@ def test_the_sensor_looks_where_the_camera_does(mi, projection, size):
         origin, direction = (
             v[0].numpy() for v in camera.rays(torch.tensor([x * size[0]]), torch.tensor([y * size[1]]))
         )
-        offset = (
-            np.array(ray.o) - origin
-        )  # Mitsuba starts at its near plane: only across the ray must they agree
+        offset = np.array(ray.o) - origin  # Mitsuba starts at its near plane: only across the ray must they agree
         np.testing.assert_allclose(np.array(ray.d), direction, atol=FLOAT32)
         np.testing.assert_allclose(offset - (offset @ direction) * direction, 0, atol=3 * FLOAT32)
 
@@ -103,9 +101,7 @@ def radiance_towards(mi, emitter, direction: np.ndarray) -> np.ndarray:
 def test_the_map_keeps_colours_and_orientation(mi, rotation):
     """At the texels' own directions the map must read exactly, whatever its turn about +Y."""
     height, width = 6, 12
-    radiance = torch.as_tensor(
-        np.random.default_rng(5).uniform(0.01, 90, (height, width, 3)), dtype=torch.float32
-    )
+    radiance = torch.as_tensor(np.random.default_rng(5).uniform(0.01, 90, (height, width, 3)), dtype=torch.float32)
     emitter = mi.load_dict(envmap(Environment(radiance, rotation)))
     for row in range(1, height - 1):
         theta = np.pi * row / (height - 1)
@@ -113,9 +109,7 @@ def test_the_map_keeps_colours_and_orientation(mi, rotation):
             phi = 2 * np.pi * (column + 0.5) / width
             # u = atan2(x, -z)/2π; turning the map by +90° carries what was seen along +Z to +X
             turned = phi - np.deg2rad(rotation)
-            direction = np.array(
-                [np.sin(theta) * np.sin(turned), np.cos(theta), -np.sin(theta) * np.cos(turned)]
-            )
+            direction = np.array([np.sin(theta) * np.sin(turned), np.cos(theta), -np.sin(theta) * np.cos(turned)])
             seen = radiance_towards(mi, emitter, direction)
             # between neighbours that differ by up to 90, float32 places the lookup within 1e-5 texels
             np.testing.assert_allclose(seen, radiance[row, column].numpy(), atol=90 * 1e-5)
