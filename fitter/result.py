@@ -12,9 +12,10 @@ import re
 from pathlib import Path
 from typing import Annotated, Generic, Literal, TypeVar
 
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError
+from pydantic import AfterValidator, ConfigDict, Field
 
 from renderer.atomic import write_text_atomically
+from renderer.checked import Checked, check, unexpected
 from renderer.errors import InputError
 
 FORMAT = 1
@@ -27,7 +28,7 @@ T = TypeVar("T")
 def _in_order(interval: tuple[float, float]) -> tuple[float, float]:
     low, high = interval
     if low > high:
-        raise ValueError(f"an interval [low, high] with low ≤ high, not [{low:g}, {high:g}]")
+        raise unexpected("an interval [low, high] with low ≤ high")
     return interval
 
 
@@ -35,10 +36,10 @@ NonNegative = Annotated[float, Field(ge=0)]
 Interval = Annotated[tuple[float, float], AfterValidator(_in_order)]
 
 
-class Record(BaseModel):
+class Record(Checked):
     """A part of the result: cannot be changed, knows its keys, holds finite numbers only."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+    model_config = ConfigDict(strict=False)  # JSON and numpy have lists where we have tuples
 
 
 class PerParameter(Record, Generic[T]):
@@ -203,14 +204,12 @@ def read_result(path: str | Path) -> Result:
         InputError: the file is missing or no text, is not JSON, or a field in it is wrong.
     """
     try:
-        text = Path(path).read_text(encoding="utf-8")
-        return Result.model_validate_json(text, strict=True)
+        data = json.loads(Path(path).read_text(encoding="utf-8"))
     except OSError as error:
         raise InputError(path, expected=f"a result.json that can be read ({error.strerror})") from error
-    except UnicodeDecodeError as error:
-        raise InputError(path, expected="a result.json, which is UTF-8 text") from error
-    except ValidationError as error:
-        raise _as_input_error(error, path) from error
+    except ValueError as error:  # of the decoding or of the JSON
+        raise InputError(path, expected=f"strict JSON in UTF-8 ({error})") from error
+    return check(Result, data, Path(path))
 
 
 def sha256_of(path: str | Path) -> str:
@@ -229,20 +228,3 @@ def sha256_of(path: str | Path) -> str:
 def _short_lists_on_one_line(text: str) -> str:
     """Put lists without text or objects in them on one line; a raw line break is never inside a string."""
     return re.sub(r"\[\n[^\[\]{}\"]*\]", lambda match: " ".join(match[0].split()), text)
-
-
-def _as_input_error(error: ValidationError, path: str | Path) -> InputError:
-    """The first thing wrong, as one sentence."""
-    first = error.errors()[0]
-    field = "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in first["loc"])
-    found = first["input"] if field and not isinstance(first["input"], dict | list) else ""
-    return InputError(path, field.removeprefix("."), found, _expected(first["type"], first["msg"]))
-
-
-def _expected(kind: str, message: str) -> str:
-    """What pydantic's message asks for, as the end of a sentence that begins with "expected"."""
-    if kind == "missing":
-        return "this key, which is not there"
-    if kind == "extra_forbidden":
-        return f"no such key in format {FORMAT}"
-    return message.removeprefix("Value error, ").removeprefix("Input should be ").removeprefix("Invalid ")
