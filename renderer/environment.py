@@ -98,9 +98,7 @@ def _from_faces(folder: Path) -> tuple[Float[np.ndarray, "h w 3"], int]:
 
 
 def _face_file(folder: Path, name: str) -> Path:
-    found = [
-        path for path in sorted(folder.iterdir()) if path.stem == name and path.suffix.lower() in FORMATS
-    ]
+    found = [path for path in sorted(folder.iterdir()) if path.stem == name and path.suffix.lower() in FORMATS]
     if len(found) != 1:
         raise InputError(folder, name, f"{len(found)} files", "one image per face: px nx py ny pz nz")
     return found[0]

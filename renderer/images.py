@@ -49,14 +49,8 @@ def read_image(path: str | Path, encoding: str | None = None) -> Image:
     """
     path = Path(path)
     samples = _read_samples(path)
-    if (
-        samples.ndim not in (2, 3)
-        or 0 in samples.shape
-        or samples.shape[2:] not in ((), (1,), (2,), (3,), (4,))
-    ):
-        raise InputError(
-            path, "shape", list(samples.shape), "[height, width] or [height, width, 1 to 4 channels]"
-        )
+    if samples.ndim not in (2, 3) or 0 in samples.shape or samples.shape[2:] not in ((), (1,), (2,), (3,), (4,)):
+        raise InputError(path, "shape", list(samples.shape), "[height, width] or [height, width, 1 to 4 channels]")
     integer = samples.dtype.kind == "u"
     values = samples.astype(np.float32) / (np.iinfo(samples.dtype).max if integer else 1)
     values = values.reshape(*values.shape[:2], -1)
@@ -110,9 +104,7 @@ def _read_exr(path: Path) -> Samples:
     with OpenEXR.File(str(path), separate_channels=True) as file:  # header and pixels die with the file
         header = file.header()
         if any(np.any(a != b) for a, b in zip(header["dataWindow"], header["displayWindow"], strict=True)):
-            raise InputError(
-                path, "dataWindow", "unlike displayWindow", "the whole picture, neither cropped nor more"
-            )
+            raise InputError(path, "dataWindow", "unlike displayWindow", "the whole picture, neither cropped nor more")
         channels = {name: np.array(channel.pixels, np.float32) for name, channel in file.channels().items()}
     colour = next((names for names in (("R", "G", "B"), ("Y",)) if channels.keys() >= set(names)), None)
     if colour is None or {"RY", "BY"} & channels.keys():
@@ -148,7 +140,7 @@ def _read_tiff(path: Path) -> Samples:
     if samples.dtype == bool:
         samples = samples.astype(np.uint8) * np.uint8(255)
     if palette is not None:
-        return np.moveaxis(palette[:, samples], 0, -1)
+        return np.moveaxis((palette >> 8).astype(np.uint8)[:, samples], 0, -1)  # 16-bit tables of 8-bit colours
     if page.photometric == PHOTOMETRIC.MINISWHITE:
         return np.iinfo(samples.dtype).max - samples
     if page.photometric not in (PHOTOMETRIC.MINISBLACK, PHOTOMETRIC.RGB):

@@ -19,9 +19,7 @@ from renderer.obj import MATERIAL_FILE, plain_obj
 
 UNNAMED = "default"
 _COMPRESSIONS = {"KHR_draco_mesh_compression", "EXT_meshopt_compression"}
-logging.getLogger("trimesh").addHandler(
-    logging.NullHandler()
-)  # without a handler, Python prints a library's warnings
+logging.getLogger("trimesh").addHandler(logging.NullHandler())  # without a handler, Python prints a library's warnings
 
 
 @dataclass(frozen=True)
@@ -134,14 +132,16 @@ def _scene_parts(scene: Any) -> Iterator[_Part]:
 
 
 def _part(geometry: Any, transform: Float[np.ndarray, "4 4"]) -> _Part:
-    linear = transform[:3, :3]
+    vertices, linear = np.asarray(geometry.vertices, np.float64), transform[:3, :3]
+    if not np.array_equal(transform, np.eye(4)):  # which would spread a NaN over the coordinates
+        vertices = vertices @ linear.T + transform[:3, 3]
     mirrored = np.linalg.det(linear) < 0
     faces = np.asarray(geometry.faces, np.int64)
     normals = geometry._cache["vertex_normals"]  # the public property makes them up where the file has none
     uv = getattr(geometry.visual, "uv", None)
     material = getattr(geometry.visual, "material", None)
     return _Part(
-        vertices=np.asarray(geometry.vertices, np.float64) @ linear.T + transform[:3, 3],
+        vertices=vertices,
         faces=faces[:, ::-1] if mirrored else faces,
         normals=None if normals is None else _unit_normals(normals @ np.linalg.inv(linear)),
         uv=None if uv is None or len(uv) != len(geometry.vertices) else np.asarray(uv, np.float64)[:, :2],
@@ -184,9 +184,7 @@ def _joined(parts: list[_Part], smooth: bool) -> Mesh:
     return Mesh(
         vertices=np.concatenate([part.vertices for part in parts]),
         faces=np.concatenate([part.faces + start for part, start in zip(parts, offset, strict=False)]),
-        normals=np.concatenate([part.normals for part in parts if part.normals is not None])
-        if smooth
-        else None,
+        normals=np.concatenate([part.normals for part in parts if part.normals is not None]) if smooth else None,
         uv=np.concatenate(uv) if len(uv) == len(parts) else None,
         material=np.concatenate([np.full(len(part.faces), names.index(part.name)) for part in parts]),
         material_names=names,

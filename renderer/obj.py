@@ -1,8 +1,9 @@
 """OBJ text made plain, so that no name, normal or index of a face is lost on the way through trimesh.
 
-trimesh forgets a material's name where the MTL is missing or one of its colours has one number, the normals where
-only some faces of a material have them, and counts relative indices from the end of the file. So it is given a
-file that says the same in one way only: absolute indices, and a number for each material and kind of face.
+trimesh forgets a material's name where the MTL is missing or one of its colours has one number, and the
+normals where only some faces of a material have them; relative indices it counts from the end of the file. So
+it is given a file that says the same in one way only: absolute indices, and a number for each material and
+kind of face.
 """
 
 from __future__ import annotations
