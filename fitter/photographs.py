@@ -1,0 +1,93 @@
+"""Photographs: image, mask, camera of one `[[photographs]]` table, as radiance with the pixels to trust."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+import torch
+from jaxtyping import Bool, Float
+from torch import Tensor
+
+from renderer.camera import Camera
+from renderer.errors import InputError
+from renderer.images import read_image
+from renderer.scene import PhotographSpec, camera_of
+
+COVERED = 1 - 1e-3  # alpha of a fully covered pixel, less the rounding of half floats and of many samples' mean
+
+
+@dataclass(frozen=True)
+class Photograph:
+    """A photograph ready to be fitted.
+
+    Attributes:
+        name: the image file's name without its ending.
+        radiance: linear Rec. 709, float32 [h, w, 3], divided by the exposure where that is a number; 0 where
+            the file's value is not finite.
+        mask: pixels to use, [h, w]: masked in, fully covered, finite and not clipped.
+        camera: where it was taken from.
+        exposure: pixel = exposure · radiance; "fit" leaves it to the fit, and `radiance` holds the pixels.
+        clipped: pixels left out only because a channel has the largest code of an 8- or 16-bit file.
+        nonfinite: pixels left out only because a channel is NaN or infinite.
+    """
+
+    name: str
+    radiance: Float[Tensor, "h w 3"]
+    mask: Bool[Tensor, "h w"]
+    camera: Camera
+    exposure: float | Literal["fit"]
+    clipped: int
+    nonfinite: int
+
+
+def read_photograph(spec: PhotographSpec, scene_file: str | Path, index: int = 0) -> Photograph:
+    """Read the image and mask of one photograph.
+
+    Args:
+        spec: its table in the scene file.
+        scene_file, index: where that table stands, for the error's sentence.
+
+    Raises:
+        InputError: a file is missing or unreadable, the mask's size is not the image's, or no pixel is left.
+    """
+    image = read_image(spec.image, spec.encoding)
+    radiance = torch.from_numpy(image.radiance)
+    field = f"photographs[{index}]"
+    inside = torch.ones(radiance.shape[:2], dtype=torch.bool)
+    if image.alpha is not None:
+        inside &= torch.from_numpy(image.alpha) >= COVERED
+    if spec.mask is not None:
+        inside &= _mask(spec.mask, radiance.shape[:2], scene_file, f"{field}.mask")
+    if not inside.any():
+        source = spec.mask or spec.image
+        raise InputError(scene_file, field, source.name, "a mask or alpha channel with fully covered pixels")
+    finite = radiance.isfinite().all(-1)
+    clipped = torch.zeros_like(inside) if image.white is None else (radiance >= image.white).any(-1)
+    usable = inside & finite & ~clipped
+    if not usable.any():
+        expected = "at least one covered pixel that is finite and not clipped; expose less"
+        raise InputError(scene_file, f"{field}.image", spec.image.name, expected)
+    height, width = inside.shape
+    factor = 1.0 if spec.exposure == "fit" else spec.exposure
+    return Photograph(
+        name=spec.image.stem,
+        radiance=torch.where(finite[..., None], radiance, 0.0) / factor,
+        mask=usable,
+        camera=camera_of(spec.camera, width, height),
+        exposure=spec.exposure,
+        clipped=int((inside & clipped).sum()),
+        nonfinite=int((inside & ~finite).sum()),
+    )
+
+
+def _mask(path: Path, size: torch.Size, scene_file: str | Path, field: str) -> Bool[Tensor, "h w"]:
+    """White pixels of a mask file that have only white neighbours: a drawn border may be half covered."""
+    from kornia.morphology import erosion
+
+    white = torch.from_numpy(read_image(path, "linear").radiance).mean(-1) > 0.5
+    if white.shape != size:
+        found = f"{path.name} with {white.shape[1]} × {white.shape[0]} pixels"
+        raise InputError(scene_file, field, found, f"the photograph's {size[1]} × {size[0]} pixels")
+    return erosion(white.float()[None, None], torch.ones(3, 3))[0, 0] > 0.5

@@ -1,0 +1,123 @@
+"""Checked input: pydantic models that refuse unknown keys, and their errors as one sentence for the user."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Annotated, Any, TypeVar
+
+import numpy as np
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    ConfigDict,
+    Strict,
+    ValidationError,
+    ValidationInfo,
+    model_validator,
+)
+from pydantic_core import ErrorDetails, PydanticCustomError
+
+from renderer.errors import InputError
+
+Model = TypeVar("Model", bound=BaseModel)
+
+
+class Checked(BaseModel):
+    """A table of an input file: no unknown keys, no silent conversions, no NaN."""
+
+    model_config = ConfigDict(extra="forbid", strict=True, frozen=True, allow_inf_nan=False)
+
+    @model_validator(mode="before")
+    @classmethod
+    def _only_known_keys(cls, data: Any) -> Any:
+        unknown = [key for key in data if key not in cls.model_fields] if isinstance(data, dict) else []
+        if unknown and cls.model_config.get("extra") == "forbid":
+            raise unexpected(_nearest(unknown[0], list(cls.model_fields)), key=unknown[0], value=data[unknown[0]])
+        return data
+
+
+def unexpected(expected: str, **where: Any) -> PydanticCustomError:
+    """An error for a validator to raise.
+
+    Args:
+        expected: what would have been right; the sentence's end.
+        where: `key`, a key below the place of the validator; `value`, what stands there, "" to show none.
+    """
+    return PydanticCustomError("unexpected", "{expected}", {"expected": expected, **where})
+
+
+def check(model: type[Model], data: Any, file: Path) -> Model:
+    """`data` as a `model`, its paths taken relative to the folder of `file`.
+
+    Raises:
+        InputError: about the first thing in `file` that is wrong.
+    """
+    try:
+        return model.model_validate(data, context={"folder": file.parent})
+    except ValidationError as error:
+        raise _input_error(file, error.errors(include_url=False)[0]) from None
+
+
+def _existing(path: Path, info: ValidationInfo) -> Path:
+    found = (info.context or {}).get("folder", Path()) / path.expanduser()
+    if not found.exists():
+        raise unexpected("a file or folder that exists", value=found)
+    return found
+
+
+ExistingPath = Annotated[Path, Strict(False), AfterValidator(_existing)]
+Vector = Annotated[tuple[float, float, float], Strict(False)]
+
+
+def _nearest(key: str, known: Sequence[str]) -> str:
+    nearest = difflib.get_close_matches(key, known, n=1, cutoff=0.5)
+    return f"a known key, the nearest is {nearest[0]}" if nearest else f"one of the keys {', '.join(known)}"
+
+
+_EXPECTED = {
+    "missing": "a value here, but it is missing",
+    "model_type": "a table",
+    "tuple_type": "a list",
+    "too_short": "at least one entry",
+    "too_long": "fewer entries",
+    "bool_type": "true or false",
+    "float_type": "a number",
+    "string_type": "a text in quotes",
+    "path_type": "a path in quotes",
+}
+
+
+def _input_error(file: Path, error: ErrorDetails) -> InputError:
+    """One pydantic error in our words."""
+    told = error.get("ctx", {})
+    location = [*error["loc"], *([told["key"]] if "key" in told else [])]
+    hidden = error["type"] == "missing" or told.get("value") == ""
+    found = "" if hidden else _quoted(told.get("value", error["input"]))
+    expected = _EXPECTED.get(error["type"]) or error["msg"].removeprefix("Input should be ")
+    return InputError(file, _field(location), found, expected)
+
+
+def _field(location: Sequence[int | str]) -> str:
+    """("photographs", 0, "camera") as photographs[0].camera."""
+    return "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in location).removeprefix(".")
+
+
+def _quoted(value: Any) -> str:
+    """A value as the user wrote it, or its beginning."""
+    text = f'"{value}"' if isinstance(value, str) else str(value)
+    return text if len(text) <= 200 else f"{text[:199]}…"
+
+
+def _rigid(rows: tuple[Row, Row, Row, Row]) -> tuple[Row, Row, Row, Row]:
+    matrix = np.array(rows)
+    rotation = matrix[:3, :3]
+    turned = np.abs(rotation @ rotation.T - np.eye(3)).max()
+    if turned > 1e-4 or np.linalg.det(rotation) < 0 or np.abs(matrix[3] - [0, 0, 0, 1]).max() > 1e-4:
+        raise unexpected("a rigid motion: an orthonormal right-handed rotation, and 0 0 0 1 in the last row")
+    return rows
+
+
+Row = Annotated[tuple[float, float, float, float], Strict(False)]
+RigidMotion = Annotated[tuple[Row, Row, Row, Row], Strict(False), AfterValidator(_rigid)]

@@ -1,0 +1,195 @@
+"""The scene file: what was photographed, by which cameras, in which light. Checked on reading."""
+
+from __future__ import annotations
+
+import re
+import tomllib
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import torch
+from jaxtyping import Float
+from pydantic import (
+    AfterValidator,
+    Field,
+    NonNegativeFloat,
+    PlainValidator,
+    PositiveFloat,
+    Strict,
+    model_validator,
+)
+from torch import Tensor
+
+from renderer.camera import Camera, look_at
+from renderer.checked import Checked, ExistingPath, RigidMotion, Vector, check, unexpected
+from renderer.errors import InputError
+from renderer.images import ENCODING, ENCODING_HELP
+from renderer.mesh import Shape, Sphere, read_mesh
+from renderer.transforms import read_transforms
+
+
+class GeometrySpec(Checked):
+    """`[geometry]`: either a mesh file or a shape known by formula."""
+
+    mesh: ExistingPath | None = None
+    shape: Literal["sphere"] | None = None
+    smooth: bool = True
+
+    @model_validator(mode="after")
+    def _one_of_two(self) -> GeometrySpec:
+        if (self.mesh is None) == (self.shape is None):
+            raise unexpected('either mesh = "FILE" or shape = "sphere"', value="")
+        return self
+
+
+class EnvironmentSpec(Checked):
+    """`[environment]`: map file or folder of six faces, degrees about +Y, and a factor on the radiance."""
+
+    map: ExistingPath
+    rotation: float = 0.0
+    scale: PositiveFloat = 1.0
+
+
+def _nonzero(direction: tuple[float, float, float]) -> tuple[float, float, float]:
+    if not any(direction):
+        raise unexpected("a direction that is not zero")
+    return direction
+
+
+class LightSpec(Checked):
+    """`[[lights]]`: direction towards the light, and its irradiance on a surface that faces it."""
+
+    type: Literal["directional"]
+    direction: Annotated[Vector, AfterValidator(_nonzero)]
+    irradiance: Annotated[tuple[NonNegativeFloat, NonNegativeFloat, NonNegativeFloat], Strict(False)]
+
+
+class CameraSpec(Checked):
+    """`[photographs.camera]`: a pose, as origin and target or as a matrix, and a projection."""
+
+    origin: Vector | None = None
+    target: Vector | None = None
+    up: Vector = (0.0, 1.0, 0.0)
+    matrix: RigidMotion | None = None
+    fov: Annotated[float, Field(gt=0, lt=180)] = 35.0
+    projection: Literal["perspective", "orthographic"] = "perspective"
+    scale: PositiveFloat = 1.0
+
+    @model_validator(mode="after")
+    def _one_pose(self) -> CameraSpec:
+        given = {"origin", "target", "matrix"} & {key for key, value in self if value is not None}
+        if given not in ({"origin", "target"}, {"matrix"}):
+            found = " and ".join(sorted(given)) or "without a pose"
+            raise unexpected("either origin and target, or matrix", value=found)
+        if "scale" in self.model_fields_set and self.projection == "perspective":
+            raise unexpected('projection = "orthographic" beside it', key="scale", value=self.scale)
+        try:
+            self.pose()
+        except ValueError:
+            message = "a point apart from origin, and not straight along up from it"
+            raise unexpected(message, key="target", value=self.target) from None
+        return self
+
+    def pose(self) -> Float[Tensor, "4 4"]:
+        """Camera-to-world matrix, float64."""
+        if self.matrix is not None:
+            return torch.tensor(self.matrix, dtype=torch.float64)
+        origin, target, up = (torch.tensor(v, dtype=torch.float64) for v in (self.origin, self.target, self.up))
+        return look_at(origin, target, up)
+
+
+def _known_encoding(encoding: str) -> str:
+    if not ENCODING.fullmatch(encoding):
+        raise unexpected(ENCODING_HELP)
+    return encoding
+
+
+def _exposure(value: Any) -> float | Literal["fit"]:
+    number = isinstance(value, int | float) and not isinstance(value, bool)
+    if value == "fit" or (number and 0 < value < float("inf")):
+        return value
+    raise unexpected('a number > 0, or "fit"')
+
+
+class PhotographSpec(Checked):
+    """`[[photographs]]`: an image with its camera, and how its pixels became numbers."""
+
+    image: ExistingPath
+    mask: ExistingPath | None = None
+    encoding: Annotated[str, AfterValidator(_known_encoding)] | None = None
+    exposure: Annotated[float | Literal["fit"], PlainValidator(_exposure)] = 1.0
+    camera: CameraSpec
+
+
+class MaterialSpec(Checked):
+    """`[[materials]]`: what to take for given, by the mesh's material name."""
+
+    name: str
+    type: Literal["auto", "metal", "glossy", "matte"] = "auto"
+
+
+class Scene(Checked):
+    """A whole scene file. Every path is joined to the file's folder, and every photograph has its camera."""
+
+    cameras: ExistingPath | None = None
+    geometry: GeometrySpec
+    environment: EnvironmentSpec
+    lights: Annotated[tuple[LightSpec, ...], Strict(False)] = ()
+    photographs: Annotated[tuple[PhotographSpec, ...], Strict(False), Field(min_length=1)]
+    materials: Annotated[tuple[MaterialSpec, ...], Strict(False)] = ()
+
+
+def read_scene(path: str | Path) -> Scene:
+    """Read and check `scene.toml`, and the `transforms.json` that it may name.
+
+    Raises:
+        InputError: about the first thing that is wrong: file, field, value and what was expected.
+    """
+    path = Path(path)
+    data = _load_toml(path)
+    cameras = data.get("cameras")
+    if isinstance(cameras, str) and (path.parent / cameras).is_file():
+        data = {**data, "photographs": _with_cameras(path, data.get("photographs"), path.parent / cameras)}
+    return check(Scene, data, path)
+
+
+def camera_of(spec: CameraSpec, width: int, height: int) -> Camera:
+    """The camera of a photograph of `width` × `height` pixels."""
+    return Camera(spec.pose(), width, height, spec.projection, spec.fov, spec.scale)
+
+
+def read_shape(spec: GeometrySpec) -> Shape:
+    """The object's shape; reads its mesh file where it has one.
+
+    Raises:
+        InputError: as `read_mesh`.
+    """
+    return Sphere() if spec.mesh is None else read_mesh(spec.mesh, spec.smooth)
+
+
+def _load_toml(path: Path) -> dict[str, Any]:
+    try:
+        return tomllib.loads(path.read_text("utf-8"))
+    except tomllib.TOMLDecodeError as error:
+        told = re.fullmatch(r"(?P<reason>.*) \(at (?P<place>.*)\)", str(error), re.DOTALL)
+        reason, place = told.group("reason", "place") if told else (str(error), "")
+        raise InputError(path, place, expected=f"TOML ({reason})") from None
+    except (OSError, UnicodeDecodeError) as error:
+        reason = "there is none" if isinstance(error, FileNotFoundError) else error
+        raise InputError(path, expected=f"a readable scene file here ({reason})") from None
+
+
+def _with_cameras(path: Path, listed: Any, cameras: Path) -> Any:
+    """The photographs' tables: those listed, or the frames' own images, each with its frame's camera."""
+    if listed is None:
+        return read_transforms(cameras, images=True)
+    if not (isinstance(listed, list) and all(isinstance(table, dict) for table in listed)):
+        return listed  # of the wrong type, which the check of the whole scene says best
+    frames = read_transforms(cameras, images=False)
+    if len(listed) != len(frames):
+        remedy = f"as many as {cameras.name} has cameras, {len(frames)}"
+        raise InputError(path, "photographs", f"a list of {len(listed)}", remedy)
+    for index, table in enumerate(listed):
+        if "camera" in table:
+            raise InputError(path, f"photographs[{index}].camera", expected=f"no camera beside {cameras.name}")
+    return [{**table, **frame} for table, frame in zip(listed, frames, strict=True)]
