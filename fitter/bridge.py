@@ -8,39 +8,45 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import torch
+import torch._dynamo  # torch.func loads it at its first derivative, a second's work; better at start-up
 from jax import Array
 from torch import Tensor
 
 jax.config.update("jax_enable_x64", True)  # least squares squares the condition number; float32 loses it
 
 
-def jax_function(function: Callable[[Tensor], Tensor], size: int) -> Callable[[Array], Array]:
-    """`function` for JAX, with forward derivatives from `torch.func`.
+class Bridge:
+    """A place for torch functions of one size, seen from JAX as one function.
 
-    Args:
+    JAX compiles what calls it once; `function` may then be exchanged without compiling again.
+
+    Attributes:
         function: from a float64 vector to a float64 vector of length `size`, pure.
         size: length of the result.
-
-    Returns:
-        the same function of JAX arrays, differentiable by `jax.jvp` and `jax.linearize`, also under `vmap`.
     """
-    jacobian = torch.func.jacfwd(function)
-    shape = jax.ShapeDtypeStruct((size,), jnp.float64)
 
-    def value(x: np.ndarray) -> np.ndarray:
-        return function(_tensor(x)).detach().numpy()
+    def __init__(self, function: Callable[[Tensor], Tensor], size: int) -> None:
+        self.function = function
+        self.size = size
 
-    def product(x: np.ndarray, direction: np.ndarray) -> np.ndarray:
+    def jax_function(self) -> Callable[[Array], Array]:
+        """`function` for JAX, differentiable by `jax.jvp` and `jax.linearize`, also under `vmap`."""
+        shape = jax.ShapeDtypeStruct((self.size,), jnp.float64)
+
+        def tangent(x: Array, direction: Array) -> Array:
+            return jax.pure_callback(self._product, shape, x, direction, vmap_method="broadcast_all")
+
+        value = jax.custom_jvp(lambda x: jax.pure_callback(self._value, shape, x, vmap_method="sequential"))
+        value.defjvp(lambda primals, tangents: (value(*primals), tangent(*primals, *tangents)))
+        return value
+
+    def _value(self, x: np.ndarray) -> np.ndarray:
+        return self.function(_tensor(x)).detach().numpy()
+
+    def _product(self, x: np.ndarray, direction: np.ndarray) -> np.ndarray:
         # All directions of a batch share one point: `jax.linearize` maps over directions alone.
         point = _tensor(x).reshape(-1, x.shape[-1])[0]
-        return (_tensor(direction) @ jacobian(point).T).detach().numpy()
-
-    def tangent(x: Array, direction: Array) -> Array:
-        return jax.pure_callback(product, shape, x, direction, vmap_method="broadcast_all")
-
-    differentiable = jax.custom_jvp(lambda x: jax.pure_callback(value, shape, x, vmap_method="sequential"))
-    differentiable.defjvp(lambda primals, tangents: (differentiable(*primals), tangent(*primals, *tangents)))
-    return differentiable
+        return (_tensor(direction) @ torch.func.jacfwd(self.function)(point).T).detach().numpy()
 
 
 def _tensor(array: np.ndarray) -> Tensor:

@@ -11,15 +11,16 @@ from typing import TYPE_CHECKING
 import numpy as np
 import torch
 from jaxtyping import Float
+from torch import Tensor
 
 from fitter.catalogue import Metal
-from fitter.result import FittedMaterial
-from shaders.fresnel import conductor, extinction, index_limit, schlick
+from fitter.parameters import MetalCoordinates
+from fitter.residuals import MetalReflectance
+from fitter.uncertainty import TWO_SIDED_95, Spread, standard_errors
+from shaders.fresnel import conductor
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-
-DRAWS = 400
 
 CHANNELS = (("red", "#d1495b"), ("green", "#3a9a5c"), ("blue", "#3f7fcf"))
 
@@ -42,61 +43,24 @@ class Curve:
     high: Float[np.ndarray, "t 3"]
 
 
-def reflectance_curve(material: FittedMaterial, form: str) -> Curve:
-    """F(θ) of a fitted material; its band holds 95 % of the curves that its standard errors allow.
-
-    A metal under `form` "conductor" is drawn from `index_draws`; anything else is Schlick's curve, of which
-    only the reflectance at normal incidence is uncertain.
+def reflectance_curve(reflectance: MetalReflectance, coordinates: MetalCoordinates, x: Tensor, spread: Spread) -> Curve:
+    """F(θ) of a fitted metal; its band is the value ± 1.96 standard errors, inside [0, 1].
 
     Args:
-        form: the result's `model.reflectance`.
+        reflectance: F(cos_d, n, k) that was fitted.
+        coordinates, x, spread: the fit's free vector, what it stands for, and its covariance.
     """
-    theta = np.linspace(0, 90, 91)
-    cos_d = torch.cos(torch.deg2rad(torch.from_numpy(theta)))[:, None, None]
-    rng = np.random.default_rng(0)
-    if form == "conductor" and material.n is not None and material.k is not None:
-        r, n = index_draws(material, rng)
-        k = extinction(torch.from_numpy(r), torch.from_numpy(n))
-        curves = conductor(cos_d, torch.from_numpy(n), k)
-        value = _metal_curve(cos_d[:, 0], material.n, material.k)
-    else:
-        f0, error = _front_reflectance(material)
-        curves = schlick(cos_d, torch.from_numpy(_normal(f0, error, rng)))
-        value = schlick(cos_d[:, 0], torch.from_numpy(f0)).numpy()
-    low, high = np.quantile(curves.numpy(), [0.025, 0.975], axis=1)
-    return Curve(theta, value, low, high)
+    theta = torch.linspace(0, 90, 91, dtype=torch.float64)
+    cos_d = torch.cos(torch.deg2rad(theta)).clamp_min(0)[:, None]
 
+    def curve(free: Tensor) -> Tensor:
+        metal = coordinates.metal(free)
+        return reflectance(cos_d, metal.n, metal.k).flatten()
 
-def index_draws(
-    material: FittedMaterial, rng: np.random.Generator
-) -> tuple[Float[np.ndarray, "d 3"], Float[np.ndarray, "d 3"]]:
-    """Draws of (F0, n) that a metal's standard errors allow; k follows by `extinction`.
-
-    n and k alone would lose how strongly the data tie them to each other through F0. Their correlation is in
-    the third standard error: with k = k(r, n), r = F0,
-
-        σ_k² = k_r² σ_r² + k_n² σ_n² + 2 k_r k_n c σ_r σ_n
-
-    gives c, the correlation of r and n. Where n has no standard error, the photographs say nothing about it
-    beyond r: every n that r admits is drawn alike.
-
-    Returns:
-        r in (0, 1) and n within r's limits, DRAWS of each channel.
-    """
-    r0, sigma_r = _front_reflectance(material)
-    r = _normal(r0, sigma_r, rng)
-    limit = index_limit(torch.from_numpy(r)).numpy()
-    n = np.empty_like(r)
-    for channel in range(3):
-        sigma_n, sigma_k = _error(material.stderr.n, channel), _error(material.stderr.k, channel)
-        if material.n is None or sigma_n is None:
-            n[:, channel] = rng.uniform(1 / limit[:, channel], limit[:, channel])
-            continue
-        center, sigma = material.n[channel], sigma_r[channel]
-        c = _correlation(r0[channel], center, sigma, sigma_n, sigma_k)
-        along = (r[:, channel] - r0[channel]) / sigma if sigma > 0 else rng.standard_normal(DRAWS)
-        n[:, channel] = center + sigma_n * (c * along + np.sqrt(1 - c**2) * rng.standard_normal(DRAWS))
-    return r, np.clip(n, 1 / limit, limit)
+    value = curve(x)
+    half = TWO_SIDED_95 * standard_errors(curve, x, spread)
+    low, high = (value - half).clamp_min(0), (value + half).clamp_max(1)
+    return Curve(theta.numpy(), *(each.reshape(-1, 3).numpy() for each in (value, low, high)))
 
 
 def reflectance_svg(curve: Curve, known: Sequence[tuple[str, Metal]], name: str) -> str:
@@ -154,52 +118,6 @@ def _inline(svg: str) -> str:
     return svg.replace(INK, "currentColor")
 
 
-def _front_reflectance(
-    material: FittedMaterial,
-) -> tuple[Float[np.ndarray, " 3"], Float[np.ndarray, " 3"]]:
-    """The reflectance at normal incidence and its standard error, 0 where there is none."""
-    f0, errors = material.f0, material.stderr.f0
-    if f0 is None:
-        f0, errors = material.reflectance, material.stderr.reflectance
-    if f0 is None:
-        raise ValueError(f"{material.type} {material.name!r} has neither f0 nor reflectance")
-    return np.array(f0, dtype=np.float64), np.array([_error(errors, channel) or 0.0 for channel in range(3)])
-
-
-def _error(errors: Sequence[float | None] | None, channel: int) -> float | None:
-    return None if errors is None else errors[channel]
-
-
-def _normal(
-    mean: Float[np.ndarray, " 3"], sigma: Float[np.ndarray, " 3"], rng: np.random.Generator
-) -> Float[np.ndarray, "d 3"]:
-    """Normal draws of a reflectance, kept inside (0, 1)."""
-    return np.clip(mean + sigma * rng.standard_normal((DRAWS, 3)), 1e-6, 1 - 1e-6)
-
-
-def _correlation(r: float, n: float, sigma_r: float, sigma_n: float, sigma_k: float | None) -> float:
-    """c of `index_draws` in [-1, 1]; 0 where nothing tells it.
-
-    From k² = (m - n)(n - 1/m), m = (1+√r)/(1-√r), hence m' = 1/(√r (1-√r)²):
-    k_n = (m + 1/m - 2n)/2k and k_r = m' [(n - 1/m) + (m - n)/m²]/2k.
-    """
-    r = min(max(r, 1e-6), 1 - 1e-6)
-    root = np.sqrt(r)
-    m = (1 + root) / (1 - root)
-    k = np.sqrt(max((m - n) * (n - 1 / m), 0.0))
-    if sigma_k is None or k == 0:
-        return 0.0
-    k_n = (m + 1 / m - 2 * n) / (2 * k)
-    k_r = ((n - 1 / m) + (m - n) / m**2) / (root * (1 - root) ** 2 * 2 * k)
-    product = 2 * k_r * k_n * sigma_r * sigma_n
-    if product == 0:
-        return 0.0
-    excess = sigma_k**2 - (k_r * sigma_r) ** 2 - (k_n * sigma_n) ** 2
-    return float(np.clip(excess / product, -1, 1))
-
-
-def _metal_curve(
-    cos_d: Float[torch.Tensor, "t 1"], n: Sequence[float], k: Sequence[float]
-) -> Float[np.ndarray, "t 3"]:
+def _metal_curve(cos_d: Float[torch.Tensor, "t 1"], n: Sequence[float], k: Sequence[float]) -> Float[np.ndarray, "t 3"]:
     """The exact F of a metal."""
     return conductor(cos_d, cos_d.new_tensor(n), cos_d.new_tensor(k)).numpy()

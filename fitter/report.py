@@ -13,7 +13,7 @@ from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from markupsafe import Markup
 
 from fitter.catalogue import Metal, read_catalogue
-from fitter.curves import CHANNELS, reflectance_curve, reflectance_svg
+from fitter.curves import CHANNELS, Curve, reflectance_svg
 from fitter.pictures import DIFFERENCE_RANGE, Rgba, comparison_png, difference_colors, png, tiles
 from fitter.quality import ViewPictures
 from fitter.result import FittedMaterial, PerParameter, Result
@@ -28,12 +28,6 @@ PARAMETERS = {
     "roughness": "blur radius ρ of the viewer",
     "color": "diffuse colour",
     "reflectance": "reflectance",
-}
-
-VERDICTS = {
-    "converged": "The fit converged.",
-    "not_determined": "The fit ended, but the photographs do not determine the material.",
-    "stopped": "The fit was stopped before it converged.",
 }
 
 NEAREST_SHOWN = 3
@@ -52,12 +46,13 @@ class Row:
     determined: str
 
 
-def render_report(result: Result, views: Sequence[ViewPictures], *, command: str = "") -> str:
+def render_report(result: Result, views: Sequence[ViewPictures], curves: Sequence[Curve], *, command: str = "") -> str:
     """The report as one HTML page: pictures, curves and style inside, nothing loaded from elsewhere.
 
     Args:
         result: what was found; everything shown but the pictures comes from it.
         views: the pictures of each photograph, in the result's order, with its names.
+        curves: the reflectance curve of each material, in the result's order.
         command: the command line that made the result, shown as it is; "" shows none.
 
     Returns:
@@ -75,14 +70,13 @@ def render_report(result: Result, views: Sequence[ViewPictures], *, command: str
     known = {key: metal for metal in read_catalogue() for key in (metal.name, metal.title)}
     return page.get_template("report.html").render(
         result=result,
-        verdict=VERDICTS[result.status],
         headlines=[_headline(material, known) for material in result.materials],
         rows=tiles(views),
         quality={quality.name: quality for quality in result.quality.photographs},
         difference_range=DIFFERENCE_RANGE,
         difference_colors=difference_colors(),
         tables=[(material, list(_rows(material))) for material in result.materials],
-        curves=[_curves(material, result.model.reflectance, known) for material in result.materials],
+        curves=[_plot(curve, material, known) for curve, material in zip(curves, result.materials, strict=True)],
         time=_shares(result),
         command=command,
     )
@@ -103,13 +97,13 @@ def _title(name: str, known: dict[str, Metal]) -> str:
     return known[name].title if name in known else name
 
 
-def _curves(material: FittedMaterial, form: str, known: dict[str, Metal]) -> Markup:
+def _plot(curve: Curve, material: FittedMaterial, known: dict[str, Metal]) -> Markup:
     nearest = [
         (f"{known[near.name].title} ({near.distance:.2g} σ)", known[near.name])
         for near in material.nearest[:NEAREST_SHOWN]
         if near.name in known
     ]
-    return Markup(reflectance_svg(reflectance_curve(material, form), nearest, material.name))
+    return Markup(reflectance_svg(curve, nearest, material.name))
 
 
 def _rows(material: FittedMaterial) -> Iterator[Row]:

@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+import functools
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import torch
 from jaxtyping import Float
 from torch import Tensor
+
+if TYPE_CHECKING:
+    from fitter.bridge import Bridge
 
 Residual = Callable[[Tensor], Tensor]
 Status = Literal["converged", "stopped"]
@@ -40,19 +44,32 @@ Solver = Callable[[Residual, Tensor, int], Solution]
 def levenberg_marquardt(residual: Residual, start: Float[Tensor, " x"], max_steps: int = 64) -> Solution:
     """Optimistix's Levenberg–Marquardt: damped Gauss–Newton by QR of the Jacobian, in float64."""
     import jax.numpy as jnp
-    import optimistix as optx
-
-    from fitter.bridge import jax_function
 
     begun = time.perf_counter()
-    function = jax_function(residual, len(residual(start)))
+    bridge, run = _compiled(len(residual(start)), max_steps)
+    bridge.function = residual
+    value, steps, converged = run(jnp.asarray(start.numpy()))
+    x = torch.tensor(value.tolist(), dtype=torch.float64)
+    return _solution(residual, start, x, bool(converged), int(steps), begun)
+
+
+@functools.cache
+def _compiled(size: int, max_steps: int) -> tuple[Bridge, Callable[..., tuple[Any, Any, Any]]]:
+    """Levenberg–Marquardt for residuals of one length; compiling takes longer than most fits."""
+    import jax
+    import optimistix as optx
+
+    from fitter.bridge import Bridge
+
+    bridge = Bridge(lambda x: x, size)
+    function = bridge.jax_function()
     solver = optx.LevenbergMarquardt(rtol=1e-6, atol=1e-6)
-    found = optx.least_squares(
-        lambda y, _: function(y), solver, jnp.asarray(start.numpy()), max_steps=max_steps, throw=False
-    )
-    x = torch.tensor(found.value.tolist(), dtype=torch.float64)
-    converged = bool(found.result == optx.RESULTS.successful)
-    return _solution(residual, start, x, converged, int(found.stats["num_steps"]), begun)
+
+    def run(start: jax.Array) -> tuple[jax.Array, jax.Array, jax.Array]:
+        found = optx.least_squares(lambda y, _: function(y), solver, start, max_steps=max_steps, throw=False)
+        return found.value, found.stats["num_steps"], found.result == optx.RESULTS.successful
+
+    return bridge, jax.jit(run)
 
 
 def adam(residual: Residual, start: Float[Tensor, " x"], max_steps: int = 1000) -> Solution:
@@ -62,7 +79,7 @@ def adam(residual: Residual, start: Float[Tensor, " x"], max_steps: int = 1000) 
     optimiser = torch.optim.Adam([x], lr=0.1)
     schedule = torch.optim.lr_scheduler.CosineAnnealingLR(optimiser, max_steps, eta_min=1e-5)
     previous, still, step = x.detach().clone(), 0, 0
-    for step in range(1, max_steps + 1):
+    for step in range(1, max_steps + 1):  # noqa: B007
         optimiser.zero_grad()
         _half_square(residual(x)).backward()
         optimiser.step()
@@ -103,9 +120,7 @@ def _half_square(residual: Float[Tensor, " r"]) -> Float[Tensor, ""]:
     return 0.5 * (residual**2).sum()
 
 
-def _solution(
-    residual: Residual, start: Tensor, x: Tensor, converged: bool, steps: int, begun: float
-) -> Solution:
+def _solution(residual: Residual, start: Tensor, x: Tensor, converged: bool, steps: int, begun: float) -> Solution:
     cost = float(_half_square(residual(x)))
     if not (torch.isfinite(x).all() and cost < float("inf")):
         x, cost, converged = start, float(_half_square(residual(start))), False

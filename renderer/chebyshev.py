@@ -16,7 +16,7 @@ def nodes(count: int) -> Float[Tensor, " count"]:
     return -torch.cos(math.pi * torch.arange(count, dtype=torch.float64) / (count - 1))
 
 
-def polynomials(x: Float[Tensor, "*p"], count: int) -> Float[Tensor, count * p]:
+def polynomials(x: Float[Tensor, "..."], count: int) -> Float[Tensor, "count ..."]:
     """T_0(x) … T_{count-1}(x) by their recurrence T_{j+1} = 2x T_j - T_{j-1}, for x in [-1, 1]."""
     values = [torch.ones_like(x), x]
     while len(values) < count:
@@ -24,7 +24,7 @@ def polynomials(x: Float[Tensor, "*p"], count: int) -> Float[Tensor, count * p]:
     return torch.stack(values[:count])
 
 
-def coefficients(values: Float[Tensor, count * p]) -> Float[Tensor, count * p]:
+def coefficients(values: Float[Tensor, "count ..."]) -> Float[Tensor, "count ..."]:
     """Coefficients c_j with Σ_j c_j T_j(x) equal to `values` at `nodes(count)`."""
     count = len(values)
     basis = polynomials(nodes(count), count).T.to(values)

@@ -1,0 +1,249 @@
+"""The `fit-material` command: reads arguments, calls, writes, chooses the exit code. Heavy imports are late."""
+
+from __future__ import annotations
+
+import enum
+import os
+import shlex
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from renderer.errors import InputError
+
+BEGUN = time.perf_counter()
+DONE, NO_MATERIAL, WRONG_INPUT, INTERRUPTED = 0, 1, 2, 130
+
+app = typer.Typer(
+    add_completion=False,
+    no_args_is_help=True,
+    pretty_exceptions_enable=False,
+    help="Recover what an object is made of from photographs: n, k, roughness, with error bars.",
+)
+
+Progress = Callable[[str, float], None]
+
+
+class FidelityName(enum.StrEnum):
+    viewer = "viewer"
+    preview = "preview"
+    standard = "standard"
+    reference = "reference"
+
+
+class SolverName(enum.StrEnum):
+    lm = "lm"
+    adam = "adam"
+    lbfgs = "lbfgs"
+
+
+class TypeName(enum.StrEnum):
+    auto = "auto"
+    metal = "metal"
+    glossy = "glossy"
+    matte = "matte"
+
+
+class LobeName(enum.StrEnum):
+    ggx = "ggx"
+    beckmann = "beckmann"
+
+
+Out = Annotated[Path, typer.Option("-o", "--out", help="Folder for the results; made if it is not there.")]
+Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Show no progress.")]
+Seed = Annotated[int, typer.Option(help="Of everything random; the same seed gives the same files.", min=0)]
+Triple = Annotated[tuple[float, float, float] | None, typer.Option(metavar="R G B")]
+
+
+def main() -> None:
+    """Run the command line; the user's mistakes end in one sentence and exit code 2, never in a traceback."""
+    try:
+        app()
+    except InputError as error:
+        _fail(str(error), WRONG_INPUT)
+    except KeyboardInterrupt:
+        _fail("interrupted; files of earlier results are as they were", INTERRUPTED)
+    except Exception as error:
+        if os.environ.get("FIT_MATERIAL_DEBUG"):
+            raise
+        reason = " ".join(str(error).split()) or type(error).__name__
+        _fail(f"internal error, please report it: {reason} (FIT_MATERIAL_DEBUG=1 shows where)", NO_MATERIAL)
+
+
+def _fail(sentence: str, code: int) -> None:
+    print(f"fit-material: {sentence}", file=sys.stderr)
+    sys.exit(code)
+
+
+def _version(wanted: bool) -> None:
+    if wanted:
+        from importlib.metadata import version
+
+        print(f"fit-material {version('fit-material')}")
+        raise typer.Exit
+
+
+@app.callback()
+def _options(
+    version: Annotated[
+        bool, typer.Option("--version", callback=_version, is_eager=True, help="Show the version and exit.")
+    ] = False,
+) -> None:
+    pass
+
+
+@app.command()
+def fit(
+    scene: Annotated[Path, typer.Argument(metavar="SCENE.toml")],
+    out: Out,
+    type_: Annotated[TypeName, typer.Option("--type", help="Kind of material; so far only metals.")] = TypeName.auto,
+    fidelity: Annotated[FidelityName, typer.Option(help="How accurately, for how much time.")] = FidelityName.standard,
+    lobe: Annotated[LobeName, typer.Option(help="Distribution of the microfacets.")] = LobeName.ggx,
+    solver: Annotated[SolverName, typer.Option(help="Least squares by which method.")] = SolverName.lm,
+    seed: Seed = 0,
+    device: Annotated[str, typer.Option(help="Where light is integrated: cpu, cuda, cuda:1 …")] = "cpu",
+    quiet: Quiet = False,
+) -> None:
+    """Fit the material of a scene; writes result.json, report.html and two MTL files."""
+    if type_ not in (TypeName.auto, TypeName.metal):
+        raise InputError("--type", value=type_.value, expected="auto or metal: only metals are fitted so far")
+    code = _fit(scene, out, fidelity.value, lobe.value, solver.value, seed, device, quiet)
+    raise typer.Exit(code)
+
+
+@app.command()
+def synth(
+    out: Out,
+    metal: Annotated[str | None, typer.Option(help="A metal of the catalogue, such as Au or gold.")] = None,
+    n: Triple = None,
+    k: Triple = None,
+    alpha: Annotated[float, typer.Option(help="Microfacet width, 0.001 to 1.")] = 0.2,
+    distribution: Annotated[LobeName, typer.Option(help="Distribution of the microfacets.")] = LobeName.ggx,
+    mesh: Annotated[Path | None, typer.Option(help="Any mesh file; without it the unit sphere.")] = None,
+    env: Annotated[str, typer.Option(help="studio, sunsky, a map, or a folder with six faces.")] = "studio",
+    views: Annotated[int, typer.Option(help="Number of photographs.")] = 3,
+    size: Annotated[int, typer.Option(help="Their width and height in pixels.")] = 256,
+    spp: Annotated[int, typer.Option(help="Samples per pixel.")] = 1024,
+    noise: Annotated[float, typer.Option(help="Relative noise to add, as a standard deviation.")] = 0.0,
+    seed: Seed = 0,
+    variant: Annotated[str, typer.Option(help="Mitsuba's: scalar_rgb, or llvm_ad_rgb where LLVM is.")] = "scalar_rgb",
+    quiet: Quiet = False,
+) -> None:
+    """Photograph a metal object with Mitsuba: EXR files, scene.toml to fit them, truth.json to compare."""
+    from renderer.synth import SynthOptions, synthesise
+
+    options = SynthOptions(
+        **_metal(metal, n, k),
+        alpha=alpha,
+        distribution=distribution.value,
+        mesh=mesh,
+        env=env,
+        views=views,
+        size=size,
+        spp=spp,
+        noise=noise,
+        seed=seed,
+        variant=variant,
+    )
+    with _progress(quiet) as progress:
+        scene = synthesise(options, out, progress)
+    print(scene)
+
+
+@app.command()
+def demo(out: Out = Path("demo"), quiet: Quiet = False) -> None:
+    """Photograph a gold ball with Mitsuba and fit it; needs no input."""
+    from renderer.synth import SynthOptions, synthesise
+
+    options = SynthOptions(**_metal("gold", None, None), alpha=0.15, size=192, spp=256)
+    with _progress(quiet) as progress:
+        scene = synthesise(options, out / "photographs", progress)
+    code = _fit(scene, out, "standard", "ggx", "lm", 0, "cpu", quiet)
+    print(f"truth: {out / 'photographs' / 'truth.json'}")
+    raise typer.Exit(code)
+
+
+@app.command()
+def export(
+    result: Annotated[Path, typer.Argument(metavar="RESULT.json")],
+    out: Out,
+    to: Annotated[str, typer.Option(help="Formats, separated by commas: thesis, mtl.")] = "thesis,mtl",
+) -> None:
+    """Write the materials of a result in other programs' formats."""
+    from fitter.export import export as write
+    from fitter.result import read_result
+
+    formats = [name.strip() for name in to.split(",")]
+    for path in write(read_result(result), formats, out, result.resolve().parent.name or "material"):
+        print(path)
+
+
+def _metal(metal: str | None, n: tuple | None, k: tuple | None) -> dict:
+    """n, k and where they come from, for `SynthOptions`."""
+    from fitter.catalogue import metal as known
+
+    if metal is not None and n is None and k is None:
+        found = known(metal)
+        return {"n": found.n, "k": found.k, "metal": found.name, "source": found.source}
+    if metal is None and n is not None and k is not None:
+        return {"n": n, "k": k}
+    given = [name for name, value in (("--metal", metal), ("--n", n), ("--k", k)) if value is not None]
+    raise InputError("synth", value=" ".join(given) or "without a metal", expected="either --metal NAME or --n and --k")
+
+
+def _fit(scene: Path, out: Path, fidelity: str, lobe: str, solver: str, seed: int, device: str, quiet: bool) -> int:
+    with _progress(quiet) as progress:
+        progress("starting", 0)
+        from fitter.fidelity import preset
+        from fitter.pipeline import FitOptions, fit_scene
+
+        if solver == "lm":
+            import fitter.bridge  # noqa: F401 — its imports are start-up, not solving
+        command = shlex.join(["fit-material", *sys.argv[1:]])
+        options = FitOptions(preset(fidelity, lobe), solver, seed, device, command)
+        result = fit_scene(scene, out, options, progress, BEGUN)
+    _print_result(result, out)
+    return DONE if result.status == "converged" else NO_MATERIAL
+
+
+def _print_result(result, out: Path) -> None:
+    for material in result.materials:
+        print(f"{material.name}: {material.type}, most like {material.nearest[0].name}")
+        for key in ("n", "k", "f0", "alpha", "roughness"):
+            values, errors = getattr(material, key), getattr(material.stderr, key)
+            pairs = zip(values, errors, strict=True) if isinstance(values, tuple) else [(values, errors)]
+            print(f"  {key:10}", "   ".join(_with_error(value, error) for value, error in pairs))
+    print(result.message)
+    print(f"report: {out / 'report.html'}")
+
+
+def _with_error(value: float, error: float | None) -> str:
+    return f"{value:.4f} ± {error:.4f}" if error is not None else f"{value:.4f} (not determined)"
+
+
+@contextmanager
+def _progress(quiet: bool) -> Iterator[Progress]:
+    """A progress bar on the terminal's standard error; nothing where it is no terminal or not wanted."""
+    if quiet or not sys.stderr.isatty():
+        yield lambda stage, share: None
+        return
+    from rich.console import Console
+    from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+
+    columns = (TextColumn("{task.description:24}"), BarColumn(), TimeElapsedColumn())
+    with Progress(*columns, console=Console(stderr=True), transient=True) as bars:
+        tasks: dict[str, object] = {}
+
+        def show(stage: str, share: float) -> None:
+            if stage not in tasks:
+                for done in tasks.values():
+                    bars.update(done, completed=1)  # type: ignore[arg-type]
+                tasks[stage] = bars.add_task(stage, total=1)
+            bars.update(tasks[stage], completed=share)  # type: ignore[arg-type]
+
+        yield show

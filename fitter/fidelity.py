@@ -1,0 +1,53 @@
+"""What accuracy to pay for: one small value, with the presets of the command line."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Literal
+
+from shaders.lobe import Distribution
+
+MICROFACET_RANGE = (0.005, 1.2)  # alpha: from what no pixel of a photograph resolves to beyond any metal's finish
+BLUR_RANGE = (0.0, 2.0)  # ρ: at 2 the taps already span ± 63°
+
+
+@dataclass(frozen=True)
+class Fidelity:
+    """One choice for each question that the model answers at several prices [MODEL.md 6].
+
+    Attributes:
+        name: of the preset it came from.
+        reflectance: "conductor" (exact) or "lazanyi" (the thesis's; sees F0 only).
+        lobe: microfacet distribution, or "taps" for the thesis's blur.
+        samples: directions per pixel and roughness level in the final table, a multiple of 4; 49 for taps.
+        search_samples: the same while the roughness is still unknown.
+        pixels: how many are fitted, over all photographs.
+        footprint: rays along each side of a pixel.
+        search_levels, levels: roughness levels over the whole range, and around the roughness found.
+        degree: Chebyshev polynomials for the reflectance.
+    """
+
+    name: str
+    reflectance: Literal["conductor", "lazanyi"]
+    lobe: Distribution | Literal["taps"]
+    samples: int
+    search_samples: int
+    pixels: int
+    footprint: int
+    search_levels: int
+    levels: int
+    degree: int
+
+
+PRESETS = {
+    "viewer": Fidelity("viewer", "lazanyi", "taps", 49, 49, 4000, 1, 24, 24, 6),
+    "preview": Fidelity("preview", "conductor", "ggx", 64, 32, 1000, 2, 12, 5, 12),
+    "standard": Fidelity("standard", "conductor", "ggx", 512, 64, 4000, 4, 12, 5, 12),
+    "reference": Fidelity("reference", "conductor", "ggx", 2048, 128, 16000, 8, 14, 7, 16),
+}
+
+
+def preset(name: str, distribution: Distribution = "ggx") -> Fidelity:
+    """A preset of `PRESETS`, for surfaces with the given microfacets; the viewer's model has none."""
+    found = PRESETS[name]
+    return found if found.lobe == "taps" else replace(found, lobe=distribution)

@@ -1,0 +1,257 @@
+"""From a scene file to a result on disk: what `fit-material fit` does, without command line or printing."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from fitter import quality
+from fitter.curves import reflectance_curve
+from fitter.effects import effects_of
+from fitter.fidelity import PRESETS, Fidelity
+from fitter.mtl import ordinary_mtl, thesis_mtl
+from fitter.nearest import nearest_metals
+from fitter.photographs import Photograph, read_photograph
+from fitter.report import ViewPictures, comparison_png, render_report
+from fitter.result import (
+    FittedMaterial,
+    InputFile,
+    Model,
+    Result,
+    Time,
+    sha256_of,
+    write_result,
+)
+from fitter.search import Fit, fit_metal, radiance_of
+from fitter.selection import Observations, choose_pixels
+from fitter.solve import SOLVERS
+from fitter.summary import describe, fitted_material, status_of
+from fitter.uncertainty import Spread, spread
+from fitter.viewer_roughness import viewer_roughness
+from renderer import gbuffer
+from renderer.atomic import replaced_together, write_bytes_atomically, write_text_atomically
+from renderer.environment import Environment, read_environment
+from renderer.errors import InputError
+from renderer.gbuffer import Tracer
+from renderer.mesh import Mesh, Shape
+from renderer.picture import draw
+from renderer.scene import Scene, read_scene, read_shape
+
+Progress = Callable[[str, float], None]
+
+SHOWN_SAMPLES = 192  # of the report's pictures: their noise stays below what the eye sees beside the photograph's
+SHOWN_FOOTPRINT = 2
+
+
+@dataclass(frozen=True)
+class FitOptions:
+    """How to fit.
+
+    Attributes:
+        fidelity: a preset, or one's own.
+        solver: "lm", "adam" or "lbfgs".
+        seed: of the choice of pixels and of the integration.
+        device: where light tables are integrated, in torch's words.
+        command: the command line, for the report.
+    """
+
+    fidelity: Fidelity = PRESETS["standard"]
+    solver: str = "lm"
+    seed: int = 0
+    device: str = "cpu"
+    command: str = ""
+
+
+@dataclass(frozen=True)
+class Loaded:
+    """Everything that was read.
+
+    Attributes:
+        name: of the output files: the mesh file's, or the shape's.
+        material: name of the one material.
+    """
+
+    scene: Scene
+    photographs: tuple[Photograph, ...]
+    shape: Shape
+    environment: Environment
+    name: str
+    material: str
+    inputs: tuple[InputFile, ...]
+
+
+def fit_scene(
+    scene_file: Path,
+    out: Path,
+    options: FitOptions,
+    progress: Progress = lambda stage, share: None,
+    begun: float | None = None,
+) -> Result:
+    """Fit the material of a scene and write `result.json`, two MTL files and `report.html` into a folder.
+
+    Files of an earlier result are replaced when all new ones are whole, and not before.
+
+    Args:
+        scene_file: `scene.toml`.
+        out: folder; made if it is not there.
+        options: how to fit.
+        progress: told the stage and its share done.
+        begun: `time.perf_counter()` when the program began, so that its start-up counts as loading.
+
+    Raises:
+        InputError: about the first thing in the input that is wrong.
+    """
+    begun = time.perf_counter() if begun is None else begun
+    solver = SOLVERS[options.solver]
+    fidelity = options.fidelity
+    with replaced_together(out) as folder:
+        progress("reading", 0)
+        loaded = load(scene_file)
+        loaded_at = time.perf_counter()
+        progress("choosing pixels", 0)
+        trace = gbuffer.tracer(loaded.shape)
+        observed = choose_pixels(
+            loaded.photographs,
+            trace,
+            scene_file,
+            count=fidelity.pixels,
+            footprint=fidelity.footprint,
+            seed=options.seed,
+        )
+        environment = replace(loaded.environment, radiance=loaded.environment.radiance.to(options.device))
+        fit = fit_metal(observed, environment, fidelity, solver, seed=options.seed, progress=progress)
+        fitted_at = time.perf_counter()
+        progress("writing the report", 0)
+        uncertainty = spread(fit.residuals, fit.halves, fit.x)
+        views = _views(loaded, trace, fit, environment, fidelity, options.seed)
+        material = _material(loaded, observed, fit, fidelity, uncertainty)
+        result = _result(loaded, observed, fit, material, fidelity, views)
+        residuals = fit.residuals
+        curve = reflectance_curve(residuals.model.reflectance, residuals.coordinates, fit.x, uncertainty)
+
+        def timed() -> Result:
+            now = time.perf_counter()
+            prepare = fitted_at - loaded_at - fit.solve_seconds
+            spent = Time(
+                load=loaded_at - begun,
+                prepare=prepare,
+                solve=fit.solve_seconds,
+                report=now - fitted_at,
+                total=now - begun,
+            )
+            return result.model_copy(update={"time": spent})
+
+        write_text_atomically(folder / "report.html", render_report(timed(), views, [curve], command=options.command))
+        write_bytes_atomically(folder / "comparison.png", comparison_png(views))
+        write_text_atomically(folder / f"{loaded.name}.thesis.mtl", thesis_mtl(result.materials))
+        write_text_atomically(folder / f"{loaded.name}.mtl", ordinary_mtl(result.materials))
+        result = timed()
+        write_result(result, folder / "result.json")
+    return result
+
+
+def load(scene_file: Path) -> Loaded:
+    """Read and check a scene with all its files.
+
+    Raises:
+        InputError: a file or field is wrong, or asks for what this version does not do.
+    """
+    scene = read_scene(scene_file)
+    _require_supported(scene, scene_file)
+    shape = read_shape(scene.geometry)
+    names = shape.material_names if isinstance(shape, Mesh) else ("default",)
+    if len(names) > 1:
+        expected = f"a mesh of one material; this one names {', '.join(names)}"
+        raise InputError(scene_file, "geometry.mesh", scene.geometry.mesh or "", expected)
+    photographs = tuple(read_photograph(spec, scene_file, i) for i, spec in enumerate(scene.photographs))
+    light = scene.environment
+    environment = read_environment(light.map, rotation=light.rotation, scale=light.scale)
+    material = scene.materials[0].name if scene.materials else names[0]
+    stem = scene.geometry.mesh.stem if scene.geometry.mesh else str(scene.geometry.shape)
+    return Loaded(scene, photographs, shape, environment, stem, material, _inputs(scene, scene_file))
+
+
+def _require_supported(scene: Scene, scene_file: Path) -> None:
+    """Refuse what the contract of scene.toml allows and this version would otherwise silently ignore."""
+    if scene.lights:
+        raise InputError(scene_file, "lights", "a list", "no directional lights: only environments are fitted so far")
+    for i, photograph in enumerate(scene.photographs):
+        if photograph.exposure == "fit":
+            expected = "a number: exposures are not fitted so far"
+            raise InputError(scene_file, f"photographs[{i}].exposure", '"fit"', expected)
+    for i, material in enumerate(scene.materials):
+        if material.type not in ("auto", "metal"):
+            expected = "metal or auto: only metals are fitted so far"
+            raise InputError(scene_file, f"materials[{i}].type", material.type, expected)
+    if len(scene.materials) > 1:
+        raise InputError(
+            scene_file, "materials", f"{len(scene.materials)} tables", "one: scenes have one material so far"
+        )
+
+
+def _inputs(scene: Scene, scene_file: Path) -> tuple[InputFile, ...]:
+    given = [scene_file, scene.cameras, scene.geometry.mesh]
+    given += sorted(scene.environment.map.iterdir()) if scene.environment.map.is_dir() else [scene.environment.map]
+    given += [path for photograph in scene.photographs for path in (photograph.image, photograph.mask)]
+    return tuple(
+        InputFile(path=str(path), sha256=sha256_of(path)) for path in given if path is not None and path.is_file()
+    )
+
+
+def _material(
+    loaded: Loaded, observed: Observations, fit: Fit, fidelity: Fidelity, uncertainty: Spread
+) -> FittedMaterial:
+    nearest = nearest_metals(fit.x, fit.residuals.coordinates, uncertainty)
+    rho = None if fidelity.lobe == "taps" else viewer_roughness(observed, loaded.environment, fit.metal)
+    return fitted_material(loaded.material, fit, uncertainty, rho, nearest)
+
+
+def _views(
+    loaded: Loaded, trace: Tracer, fit: Fit, environment: Environment, fidelity: Fidelity, seed: int
+) -> list[ViewPictures]:
+    """Each photograph beside the fitted material's picture of the same pixels."""
+    views = []
+    for photograph in loaded.photographs:
+        picture = draw(
+            trace,
+            photograph.camera,
+            photograph.mask,
+            min(fidelity.footprint, SHOWN_FOOTPRINT),
+            lambda surface: radiance_of(fit.metal, surface, environment, fidelity, samples=SHOWN_SAMPLES, seed=seed),
+        )
+        seen = photograph.radiance[:: picture.step, :: picture.step]
+        exposure = 1.0 if photograph.exposure == "fit" else photograph.exposure
+        shown = [(radiance * exposure).numpy() for radiance in (seen, picture.radiance)]
+        views.append(ViewPictures(photograph.name, shown[0], shown[1], picture.mask.numpy()))
+    return views
+
+
+def _result(
+    loaded: Loaded,
+    observed: Observations,
+    fit: Fit,
+    material: FittedMaterial,
+    fidelity: Fidelity,
+    views: Sequence[ViewPictures],
+) -> Result:
+    exposure = [1.0 if p.exposure == "fit" else p.exposure for p in loaded.photographs]
+    return Result(
+        status=status_of(fit, material),
+        message=describe(fit, material, loaded.environment.repaired),
+        materials=(material,),
+        quality=quality.assess(views),
+        exposure=tuple(exposure),
+        model=Model(
+            fidelity=fidelity.name,
+            reflectance=fidelity.reflectance,
+            lobe=fidelity.lobe,
+            samples=fidelity.samples,
+            pixels=len(observed.radiance),
+            dtype="float32",
+        ),
+        effects=effects_of(fidelity, observed.self_seeing),
+        time=Time(load=0, prepare=0, solve=0, report=0, total=0),
+        inputs=loaded.inputs,
+    )
