@@ -59,7 +59,7 @@ def conductor(cos_d: Float[Tensor, "*p"], n: Float[Tensor, ...], k: Float[Tensor
         F, in [0, 1], unitless; `normal_reflectance(n, k)` at c = 1, and 1 at c = 0 (0 everywhere for n = 1, k = 0).
     """
     sin2 = (1 - cos_d) * (1 + cos_d)
-    a, b = _principal_root((n - k) * (n + k) - sin2, 2 * n * k)
+    a, b = _principal_root((n - 1) * (n + 1) + cos_d**2 - k**2, 2 * n * k)  # n² - k² - s², exact where n → 1
     tiny = torch.finfo(a.dtype).tiny  # only n = 1, k = 0, c = 0 has no facet to reflect: 0/0 becomes 0
     r_s = ((a - cos_d) ** 2 + b**2) / ((a + cos_d) ** 2 + b**2).clamp_min(tiny)
     bc2 = (b * cos_d) ** 2
@@ -71,10 +71,10 @@ def _principal_root(
     real: Float[Tensor, "*p"], imag: Float[Tensor, "*p"]
 ) -> tuple[Float[Tensor, "*p"], Float[Tensor, "*p"]]:
     """a, b >= 0 with (a + ib)² = real + i·imag, imag >= 0, without the cancellation of √((|z| ± real)/2)."""
-    square = 0.5 * (torch.hypot(real, imag) + real.abs())
-    branch_point = square == 0  # total reflection begins here; its slope is infinite, so the derivative is cut off
-    larger = torch.where(branch_point, 1.0, square).sqrt()
-    smaller = torch.where(branch_point, 0.0, imag / (2 * larger))
+    branch_point = (real == 0) & (imag == 0)  # total reflection begins here; its slope is infinite, so it is cut off
+    away = torch.where(branch_point, 1.0, real)
+    larger = (0.5 * (torch.hypot(away, imag) + away.abs())).sqrt()
+    smaller = imag / (2 * larger)
     larger = torch.where(branch_point, 0.0, larger)
     positive = real >= 0
     return torch.where(positive, larger, smaller), torch.where(positive, smaller, larger)

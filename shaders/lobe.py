@@ -109,8 +109,9 @@ def smith_g1(cos: Float[Tensor, "*p"], alpha: Float[Tensor, ...], distribution: 
     if distribution == "ggx":
         g1 = 2 * cos / (cos + (cos**2 + alpha**2 * sin2).sqrt())
     else:
-        tiny = torch.finfo(cos.dtype).tiny  # at normal incidence tan = 0: nothing is masked, any large a says so
-        a = cos / (alpha * sin2.clamp_min(tiny).sqrt())
+        # Near normal incidence tan → 0 and nothing is masked: any large a says so, and a bounded one has a derivative.
+        sin = sin2.clamp_min(torch.finfo(cos.dtype).eps).sqrt()
+        a = (cos / (alpha * sin)).clamp_max(1.6)
         g1 = torch.where(a < 1.6, (3.535 + 2.181 * a) * a / (1 + (2.276 + 2.577 * a) * a), 1.0)
     return torch.where(front, g1, 0.0)
 
