@@ -8,11 +8,13 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import torch
-import torch._dynamo  # torch.func loads it at its first derivative, a second's work; better at start-up
 from jax import Array
 from torch import Tensor
 
 jax.config.update("jax_enable_x64", True)  # least squares squares the condition number; float32 loses it
+
+# Torch loads its compiler at the first forward derivative, two seconds' work: now, and not in a solver's first step.
+torch.func.jacfwd(lambda x: 1 - 0.5 * x)(torch.ones(1))
 
 
 class Bridge:
@@ -26,8 +28,18 @@ class Bridge:
     """
 
     def __init__(self, function: Callable[[Tensor], Tensor], size: int) -> None:
-        self.function = function
         self.size = size
+        self.function = function
+
+    @property
+    def function(self) -> Callable[[Tensor], Tensor]:
+        return self._function
+
+    @function.setter
+    def function(self, function: Callable[[Tensor], Tensor]) -> None:
+        self._function = function
+        self._point: Tensor | None = None
+        self._jacobian: Tensor | None = None
 
     def jax_function(self) -> Callable[[Array], Array]:
         """`function` for JAX, differentiable by `jax.jvp` and `jax.linearize`, also under `vmap`."""
@@ -46,7 +58,13 @@ class Bridge:
     def _product(self, x: np.ndarray, direction: np.ndarray) -> np.ndarray:
         # All directions of a batch share one point: `jax.linearize` maps over directions alone.
         point = _tensor(x).reshape(-1, x.shape[-1])[0]
-        return (_tensor(direction) @ torch.func.jacfwd(self.function)(point).T).detach().numpy()
+        return (_tensor(direction) @ self._jacobian_at(point).T).detach().numpy()
+
+    def _jacobian_at(self, point: Tensor) -> Tensor:
+        # A Levenberg–Marquardt step asks twice at one point: for the slope, and for the matrix.
+        if self._jacobian is None or self._point is None or not torch.equal(point, self._point):
+            self._point, self._jacobian = point, torch.func.jacfwd(self._function)(point).detach()
+        return self._jacobian
 
 
 def _tensor(array: np.ndarray) -> Tensor:

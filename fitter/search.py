@@ -15,7 +15,7 @@ from fitter.fidelity import BLUR_RANGE, MICROFACET_RANGE, Fidelity
 from fitter.parameters import Interval, Metal, MetalCoordinates, tint_of
 from fitter.residuals import REFLECTANCES, PixelModel, Residuals, relative_weight, scatter
 from fitter.selection import Observations
-from fitter.solve import Solution, Solver
+from fitter.solve import ROUGH, Solution, Solver
 from renderer import cubemap, transport
 from renderer.environment import Environment
 from renderer.gbuffer import GBuffer
@@ -83,7 +83,7 @@ def fit_metal(
 
     table = table_of(whole, fidelity.search_levels, fidelity.search_samples, "searching")
     residuals, start = _search_round(table, observed, fidelity)
-    solutions = [solver(residuals, residuals.coordinates.free(start))]
+    solutions = [solver(residuals, residuals.coordinates.free(start), ROUGH)]
     metal = residuals.coordinates.metal(solutions[-1].x)
     for _ in range(MAX_ROUNDS):
         if fidelity.lobe != "taps":  # whose table is exact as it is

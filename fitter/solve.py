@@ -6,7 +6,7 @@ import functools
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, Literal, Protocol
 
 import torch
 from jaxtyping import Float
@@ -17,6 +17,10 @@ if TYPE_CHECKING:
 
 Residual = Callable[[Tensor], Tensor]
 Status = Literal["converged", "stopped"]
+
+PRECISE, ROUGH = 1e-6, 1e-3  # tolerances: of a result, and of a start for a better problem
+STILL = 5  # steps in a row below the tolerance end Adam
+MAX_STEPS = {"lm": 64, "adam": 1000, "lbfgs": 200}
 
 
 @dataclass(frozen=True)
@@ -38,23 +42,32 @@ class Solution:
     seconds: float
 
 
-Solver = Callable[[Residual, Tensor, int], Solution]
+class Solver(Protocol):
+    """A least-squares method.
+
+    Args:
+        residual: from a free vector to residuals, float64, differentiable by torch.
+        start: a free vector.
+        tolerance: relative movement of free vector and cost below which the method has converged.
+    """
+
+    def __call__(self, residual: Residual, start: Tensor, tolerance: float = PRECISE) -> Solution: ...
 
 
-def levenberg_marquardt(residual: Residual, start: Float[Tensor, " x"], max_steps: int = 64) -> Solution:
+def levenberg_marquardt(residual: Residual, start: Float[Tensor, " x"], tolerance: float = PRECISE) -> Solution:
     """Optimistix's Levenberg–Marquardt: damped Gauss–Newton by QR of the Jacobian, in float64."""
     import jax.numpy as jnp
 
     begun = time.perf_counter()
-    bridge, run = _compiled(len(residual(start)), max_steps)
+    bridge, run = _compiled(len(residual(start)))
     bridge.function = residual
-    value, steps, converged = run(jnp.asarray(start.numpy()))
+    value, steps, converged = run(jnp.asarray(start.numpy()), tolerance)
     x = torch.tensor(value.tolist(), dtype=torch.float64)
     return _solution(residual, start, x, bool(converged), int(steps), begun)
 
 
 @functools.cache
-def _compiled(size: int, max_steps: int) -> tuple[Bridge, Callable[..., tuple[Any, Any, Any]]]:
+def _compiled(size: int) -> tuple[Bridge, Callable[..., tuple[Any, Any, Any]]]:
     """Levenberg–Marquardt for residuals of one length; compiling takes longer than most fits."""
     import jax
     import optimistix as optx
@@ -63,43 +76,44 @@ def _compiled(size: int, max_steps: int) -> tuple[Bridge, Callable[..., tuple[An
 
     bridge = Bridge(lambda x: x, size)
     function = bridge.jax_function()
-    solver = optx.LevenbergMarquardt(rtol=1e-6, atol=1e-6)
 
-    def run(start: jax.Array) -> tuple[jax.Array, jax.Array, jax.Array]:
-        found = optx.least_squares(lambda y, _: function(y), solver, start, max_steps=max_steps, throw=False)
+    def run(start: jax.Array, tolerance: jax.Array) -> tuple[jax.Array, jax.Array, jax.Array]:
+        solver = optx.LevenbergMarquardt(rtol=tolerance, atol=tolerance)  # type: ignore[arg-type]
+        found = optx.least_squares(lambda y, _: function(y), solver, start, max_steps=MAX_STEPS["lm"], throw=False)
         return found.value, found.stats["num_steps"], found.result == optx.RESULTS.successful
 
     return bridge, jax.jit(run)
 
 
-def adam(residual: Residual, start: Float[Tensor, " x"], max_steps: int = 1000) -> Solution:
-    """Torch's Adam on half the sum of squares, its rate falling along a cosine."""
+def adam(residual: Residual, start: Float[Tensor, " x"], tolerance: float = PRECISE) -> Solution:
+    """Torch's Adam on half the sum of squares, its rate falling along a cosine to the tolerance."""
     begun = time.perf_counter()
     x = start.clone().requires_grad_()
     optimiser = torch.optim.Adam([x], lr=0.1)
-    schedule = torch.optim.lr_scheduler.CosineAnnealingLR(optimiser, max_steps, eta_min=1e-5)
-    previous, still, step = x.detach().clone(), 0, 0
-    for step in range(1, max_steps + 1):  # noqa: B007
+    schedule = torch.optim.lr_scheduler.CosineAnnealingLR(optimiser, MAX_STEPS["adam"], eta_min=tolerance)
+    still = steps = 0
+    while steps < MAX_STEPS["adam"] and still < STILL:
+        before = x.detach().clone()
         optimiser.zero_grad()
         _half_square(residual(x)).backward()
         optimiser.step()
         schedule.step()
-        still = still + 1 if bool((x.detach() - previous).abs().max() < 1e-6) else 0
-        previous = x.detach().clone()
-        if still == 10:
-            break
-    # At the end of the cosine the rate is 1e-5: the last step is then below any figure that is reported.
-    settled = still == 10 or step == max_steps
-    return _solution(residual, start, x.detach(), settled, step, begun)
+        steps += 1
+        still = still + 1 if bool((x.detach() - before).abs().max() < tolerance) else 0
+    return _solution(residual, start, x.detach(), still == STILL, steps, begun)
 
 
-def lbfgs(residual: Residual, start: Float[Tensor, " x"], max_steps: int = 200) -> Solution:
+def lbfgs(residual: Residual, start: Float[Tensor, " x"], tolerance: float = PRECISE) -> Solution:
     """Torch's L-BFGS with strong Wolfe line search on half the sum of squares."""
     begun = time.perf_counter()
     x = start.clone().requires_grad_()
     scale = float(_half_square(residual(start)).detach().clamp_min(1e-300))  # its tolerances are absolute
     optimiser = torch.optim.LBFGS(
-        [x], max_iter=max_steps, tolerance_grad=1e-9, tolerance_change=1e-12, line_search_fn="strong_wolfe"
+        [x],
+        max_iter=MAX_STEPS["lbfgs"],
+        tolerance_grad=1e-3 * tolerance,
+        tolerance_change=1e-6 * tolerance,
+        line_search_fn="strong_wolfe",
     )
 
     def closure() -> Tensor:
@@ -110,7 +124,7 @@ def lbfgs(residual: Residual, start: Float[Tensor, " x"], max_steps: int = 200) 
 
     optimiser.step(closure)
     steps = int(optimiser.state[x]["n_iter"])
-    return _solution(residual, start, x.detach(), steps < max_steps, steps, begun)
+    return _solution(residual, start, x.detach(), steps < MAX_STEPS["lbfgs"], steps, begun)
 
 
 SOLVERS: dict[str, Solver] = {"lm": levenberg_marquardt, "adam": adam, "lbfgs": lbfgs}

@@ -72,7 +72,7 @@ def radiance(
 ) -> Float[Tensor, "p 3"]:
     """The radiance of each pixel, from a table's mean, roughness weights w_a and Fresnel coefficients f_b."""
     at_roughness = torch.tensordot(level_weights, light, dims=1)
-    return (at_roughness * coefficients).sum(1)
+    return torch.einsum("pbc,bc->pc", at_roughness, coefficients)
 
 
 def levels(low: float, high: float, count: int, scale: Literal["linear", "log"]) -> list[float]:
