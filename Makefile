@@ -1,0 +1,58 @@
+# From a fresh clone: `make demo` shows what the program does, `make test` shows that it works here.
+#
+#   make install   .venv with the program in it: .venv/bin/fit-material
+#   make demo      photographs of a gold ball by Mitsuba, the fit, a report: demo/report.html
+#   make test      the tests
+#   make slow      the tests that take minutes
+#   make check     style, types and the direction of imports, without running anything
+#   make bench     accuracy and time, as the README states them
+#   make clean     remove everything that these have made
+#
+# Needed beforehand: Python 3.11 or newer. Settings, each as in `make install PYTHON=/opt/python/bin/python3`:
+#
+#   PYTHON   the Python to make .venv from
+#   TORCH    what pip installs torch from; another build of it: TORCH="torch==2.13.0 --index-url ADDRESS"
+
+TORCH = torch==2.13.0
+
+bin = .venv/bin
+installed = .venv/installed
+
+.PHONY: help install demo test slow check bench clean
+
+help:
+	@sed -n 's/^#  \{0,2\}//p' Makefile
+
+install: $(installed)
+
+demo: $(installed)
+	$(bin)/fit-material demo -o demo
+	@echo 'Open $(CURDIR)/demo/report.html in a browser.'
+
+test: $(installed)
+	$(bin)/python -m pytest
+
+slow: $(installed)
+	$(bin)/python -m pytest -m slow
+
+check: $(installed)
+	$(bin)/ruff check .
+	$(bin)/ruff format --check .
+	$(bin)/pyright
+	$(bin)/python -m pytest -q tests/test_imports.py
+
+bench: $(installed)
+	$(bin)/python -m tests.bench
+
+clean:
+	rm -rf .venv build demo bench *.egg-info .pytest_cache .ruff_cache .hypothesis
+	find . -name __pycache__ -type d -prune -exec rm -rf {} +
+
+# torch first and alone: what follows then finds it there, and does not replace it by another build
+$(installed): pyproject.toml | $(bin)/python
+	$(bin)/python -m pip install $(TORCH)
+	$(bin)/python -m pip install -e '.[dev]'
+	@touch $@
+
+$(bin)/python:
+	PYTHON='$(PYTHON)' bash tools/make_venv.sh .venv
