@@ -21,7 +21,7 @@ installed = .venv/installed
 .PHONY: help install demo test slow check bench clean
 
 help:
-	@sed -n 's/^#  \{0,2\}//p' Makefile
+	@sed -n '/^$$/q; s/^# \{0,1\}//p' Makefile
 
 install: $(installed)
 

@@ -135,10 +135,11 @@ def synth(
     quiet: Quiet = False,
 ) -> None:
     """Photograph a metal object with Mitsuba: EXR files, scene.toml to fit them, truth.json to compare."""
-    from renderer.synth import SynthOptions, synthesise
+    known = _metal(metal, n, k)
+    from renderer.synth import SynthOptions, synthesise  # after the slips that need no torch
 
     options = SynthOptions(
-        **_metal(metal, n, k),
+        **known,
         alpha=alpha,
         distribution=distribution.value,
         mesh=mesh,
@@ -247,3 +248,7 @@ def _progress(quiet: bool) -> Iterator[Progress]:
             bars.update(tasks[stage], completed=share)  # type: ignore[arg-type]
 
         yield show
+
+
+if __name__ == "__main__":
+    main()
