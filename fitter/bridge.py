@@ -56,9 +56,12 @@ class Bridge:
         return self.function(_tensor(x)).detach().numpy()
 
     def _product(self, x: np.ndarray, direction: np.ndarray) -> np.ndarray:
-        # All directions of a batch share one point: `jax.linearize` maps over directions alone.
-        point = _tensor(x).reshape(-1, x.shape[-1])[0]
-        return (_tensor(direction) @ self._jacobian_at(point).T).detach().numpy()
+        points, directions = _tensor(x).reshape(-1, x.shape[-1]), _tensor(direction)
+        if torch.equal(points, points[:1].expand_as(points)):  # `jax.linearize` maps over directions alone
+            return (directions @ self._jacobian_at(points[0]).T).numpy()
+        pairs = zip(points, directions.reshape(-1, x.shape[-1]), strict=True)
+        products = torch.stack([self._jacobian_at(point) @ along for point, along in pairs])
+        return products.reshape(*direction.shape[:-1], self.size).numpy()
 
     def _jacobian_at(self, point: Tensor) -> Tensor:
         # A Levenberg–Marquardt step asks twice at one point: for the slope, and for the matrix.

@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import torch
 from jaxtyping import Float
 from torch import Tensor
+from torch.nn.functional import softplus
 
 from shaders import fresnel
+
+_REACH = 30.0  # 1 - F0 = 1e-13: float64 holds two more digits
 
 
 @dataclass(frozen=True)
@@ -48,7 +52,7 @@ class Interval:
     def free(self, value: Float[Tensor, ""]) -> Float[Tensor, ""]:
         """The inverse of `value`."""
         if self.logarithmic:
-            return torch.logit((value / self.low).log() / torch.tensor(self.high / self.low).log())
+            return torch.logit((value / self.low).log() / math.log(self.high / self.low))
         return torch.logit((value - self.low) / (self.high - self.low))
 
 
@@ -75,11 +79,18 @@ class MetalCoordinates:
         return 7 if self.tint is None else 4
 
     def metal(self, x: Float[Tensor, " x"]) -> Metal:
-        """The metal of a free vector."""
-        f0 = torch.sigmoid(x[:3])
-        tint = x[3:6] if self.tint is None else self.tint.to(x)
-        n = fresnel.index_limit(f0) ** torch.tanh(tint)
-        return Metal(n, fresnel.extinction(f0, n), self.roughness.value(x[-1]))
+        """The metal of a free vector.
+
+        k² = (m - n)(n - 1/m) is written with n = m^t as n² (m^(1-t) - 1)(1 - m^-(1+t)), 1 ± t = 2 sigmoid(±2x₃…₅):
+        so k and its derivative keep their digits where n comes to its limits. `_REACH` ends what can be told apart.
+        """
+        reflectivity = x[:3].clamp(-_REACH, _REACH)
+        tint = (x[3:6] if self.tint is None else self.tint.to(x)).clamp(-_REACH, _REACH)
+        log_limit = 2 * torch.log1p(torch.sigmoid(reflectivity).sqrt()) + softplus(reflectivity)
+        n = (log_limit * torch.tanh(tint)).exp()
+        above, below = (2 * log_limit * torch.sigmoid(side) for side in (-2 * tint, 2 * tint))
+        k = n * (torch.expm1(above) * -torch.expm1(-below)).sqrt()
+        return Metal(n, k, self.roughness.value(x[-1]))
 
     def free(self, metal: Metal) -> Float[Tensor, " x"]:
         """The free vector of a metal whose quantities lie inside their domains."""

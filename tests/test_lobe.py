@@ -7,10 +7,10 @@ import pytest
 import torch
 from hypothesis import given
 from hypothesis import strategies as st
-from quadrature import albedo, masking, normals
 
 from renderer.to_mitsuba import mitsuba
 from shaders import lobe
+from tests.quadrature import albedo, masking, normals
 
 DISTRIBUTIONS = ["ggx", "beckmann"]
 ALPHAS = [0.01, 0.05, 0.3, 1.0]

@@ -6,7 +6,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
-from quadrature import albedo
 
 from renderer import cubemap, transport
 from renderer.camera import Camera, look_at
@@ -16,6 +15,7 @@ from renderer.gbuffer import GBuffer, pixel_footprints, tracer
 from renderer.mesh import Sphere
 from renderer.to_mitsuba import conductor, envmap, mitsuba, mitsuba_shape, sensor
 from shaders import fresnel
+from tests.quadrature import albedo
 
 GOLD = (0.146, 0.425, 1.431), (3.578, 2.326, 1.85)
 DISTRIBUTIONS = ["ggx", "beckmann"]
