@@ -1,0 +1,34 @@
+"""`python -m tests.bench [agreement] [recovery] [real]`: prints Markdown; without names all but `real`."""
+
+from __future__ import annotations
+
+import sys
+
+from tests.bench import agreement, recovery
+from tests.bench.setting import SHARED, header, mitsuba_variant
+
+PARTS = {
+    "agreement": ("Agreement with Mitsuba", agreement.rows),
+    "recovery": ("Recovery and cost of the fit command", recovery.command_rows),
+    "real": ("Recovery under real environments", recovery.real_rows),
+}
+
+
+def main() -> None:
+    """Run the parts that are named."""
+    names = sys.argv[1:] or ["agreement", "recovery"]
+    unknown = set(names) - set(PARTS)
+    if unknown or not SHARED.is_dir():
+        sys.exit(f"bench: unknown {', '.join(sorted(unknown))}" if unknown else f"bench: needs {SHARED}")
+    variant = mitsuba_variant()
+    print(header(), flush=True)
+    for name in names:
+        title, rows = PARTS[name]
+        print(f"## {title}\n", flush=True)
+        for row in rows(variant):
+            print(row, flush=True)
+        print(flush=True)
+
+
+if __name__ == "__main__":
+    main()

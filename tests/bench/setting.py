@@ -1,0 +1,46 @@
+"""Where and with what a benchmark ran, and where it keeps its files."""
+
+from __future__ import annotations
+
+import importlib.util
+import os
+import platform
+import statistics
+import subprocess
+from collections.abc import Sequence
+from importlib.metadata import version
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[2]
+SHARED = ROOT.parent / "shared" / "data"
+CACHE = Path(os.environ.get("FIT_MATERIAL_CACHE", Path.home() / ".cache" / "fit-material"))
+PACKAGES = ("torch", "jax", "optimistix", "mitsuba", "drjit", "numpy")
+
+
+def header() -> str:
+    """Commit, machine and versions, in two lines of Markdown."""
+    commit = subprocess.run(
+        ["git", "describe", "--always", "--dirty"], cwd=ROOT, capture_output=True, text=True, check=False
+    ).stdout.strip()
+    load = os.getloadavg()[0]
+    machine = f"{platform.machine()}, {os.cpu_count()} cores, load {load:.1f} at the start"
+    packages = ", ".join(f"{name} {version(name)}" for name in PACKAGES)
+    return f"commit {commit} · {machine} · Python {platform.python_version()}\n{packages}\n"
+
+
+def mitsuba_variant() -> str:
+    """The fast variant where LLVM is found, else the one that needs nothing."""
+    from renderer.errors import InputError
+    from renderer.to_mitsuba import mitsuba
+
+    assert importlib.util.find_spec("mitsuba")
+    try:
+        mitsuba("llvm_ad_rgb")
+    except InputError:
+        return "scalar_rgb"
+    return "llvm_ad_rgb"
+
+
+def spread(values: Sequence[float]) -> str:
+    """Median and range."""
+    return f"{statistics.median(values):.3g} ({min(values):.3g} … {max(values):.3g})"
