@@ -38,7 +38,7 @@ slow: $(installed)
 check: $(installed)
 	$(bin)/ruff check .
 	$(bin)/ruff format --check .
-	$(bin)/pyright
+	$(bin)/pyright --pythonpath $(bin)/python
 	$(bin)/python -m pytest -q tests/test_imports.py
 
 bench: $(installed)

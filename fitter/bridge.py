@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 
 import jax
 import jax.numpy as jnp
@@ -25,6 +26,7 @@ class Bridge:
     Attributes:
         function: from a float64 vector to a float64 vector of length `size`, pure.
         size: length of the result.
+        raised: what `function` raised when last called, Ctrl-C included; JAX tells only its text, as its own error.
     """
 
     def __init__(self, function: Callable[[Tensor], Tensor], size: int) -> None:
@@ -38,6 +40,7 @@ class Bridge:
     @function.setter
     def function(self, function: Callable[[Tensor], Tensor]) -> None:
         self._function = function
+        self.raised: BaseException | None = None
         self._point: Tensor | None = None
         self._jacobian: Tensor | None = None
 
@@ -53,15 +56,25 @@ class Bridge:
         return value
 
     def _value(self, x: np.ndarray) -> np.ndarray:
-        return self.function(_tensor(x)).detach().numpy()
+        with self._remembering():
+            return self.function(_tensor(x)).detach().numpy()
 
     def _product(self, x: np.ndarray, direction: np.ndarray) -> np.ndarray:
-        points, directions = _tensor(x).reshape(-1, x.shape[-1]), _tensor(direction)
-        if torch.equal(points, points[:1].expand_as(points)):  # `jax.linearize` maps over directions alone
-            return (directions @ self._jacobian_at(points[0]).T).numpy()
-        pairs = zip(points, directions.reshape(-1, x.shape[-1]), strict=True)
-        products = torch.stack([self._jacobian_at(point) @ along for point, along in pairs])
-        return products.reshape(*direction.shape[:-1], self.size).numpy()
+        with self._remembering():
+            points, directions = _tensor(x).reshape(-1, x.shape[-1]), _tensor(direction)
+            if torch.equal(points, points[:1].expand_as(points)):  # `jax.linearize` maps over directions alone
+                return (directions @ self._jacobian_at(points[0]).T).numpy()
+            pairs = zip(points, directions.reshape(-1, x.shape[-1]), strict=True)
+            products = torch.stack([self._jacobian_at(point) @ along for point, along in pairs])
+            return products.reshape(*direction.shape[:-1], self.size).numpy()
+
+    @contextmanager
+    def _remembering(self) -> Iterator[None]:
+        try:
+            yield
+        except BaseException as error:
+            self.raised = error
+            raise
 
     def _jacobian_at(self, point: Tensor) -> Tensor:
         # A Levenberg–Marquardt step asks twice at one point: for the slope, and for the matrix.

@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
+from typer.exceptions import TyperException
 
 from renderer.errors import InputError
 
@@ -21,7 +22,6 @@ DONE, NO_MATERIAL, WRONG_INPUT, INTERRUPTED = 0, 1, 2, 130
 
 app = typer.Typer(
     add_completion=False,
-    no_args_is_help=True,
     pretty_exceptions_enable=False,
     help="Recover what an object is made of from photographs: n, k, roughness, with error bars.",
 )
@@ -63,9 +63,14 @@ Triple = Annotated[tuple[float, float, float] | None, typer.Option(metavar="R G 
 def main() -> None:
     """Run the command line; the user's mistakes end in one sentence and exit code 2, never in a traceback."""
     try:
-        app()
+        code = app(sys.argv[1:] or ["--help"], prog_name="fit-material", standalone_mode=False)
+        if code == INTERRUPTED:  # typer's own word for Ctrl-C inside of a command
+            raise KeyboardInterrupt
+        sys.exit(code or DONE)
     except InputError as error:
         _fail(str(error), WRONG_INPUT)
+    except TyperException as error:
+        _fail(_usage(error), WRONG_INPUT)
     except KeyboardInterrupt:
         _fail("interrupted; files of earlier results are as they were", INTERRUPTED)
     except Exception as error:
@@ -73,6 +78,14 @@ def main() -> None:
             raise
         reason = " ".join(str(error).split()) or type(error).__name__
         _fail(f"internal error, please report it: {reason} (FIT_MATERIAL_DEBUG=1 shows where)", NO_MATERIAL)
+
+
+def _usage(error: TyperException) -> str:
+    """What is wrong with the arguments, in one sentence, and where to read what is right."""
+    context = getattr(error, "ctx", None)
+    command = context.command_path if context else "fit-material"
+    message = " ".join(error.format_message().split()).rstrip(".")  # type: ignore[attr-defined] — of click's part
+    return f"{message[:1].lower()}{message[1:]}; `{command} --help` lists what there is"
 
 
 def _fail(sentence: str, code: int) -> None:

@@ -7,6 +7,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+import torch
+
 from fitter import quality
 from fitter.curves import reflectance_curve
 from fitter.effects import effects_of
@@ -106,6 +108,7 @@ def fit_scene(
     begun = time.perf_counter() if begun is None else begun
     solver = SOLVERS[options.solver]
     fidelity = options.fidelity
+    device = _device(options.device)
     with replaced_together(out) as folder:
         progress("reading", 0)
         loaded = load(scene_file)
@@ -120,7 +123,7 @@ def fit_scene(
             footprint=fidelity.footprint,
             seed=options.seed,
         )
-        environment = replace(loaded.environment, radiance=loaded.environment.radiance.to(options.device))
+        environment = replace(loaded.environment, radiance=loaded.environment.radiance.to(device))
         fit = fit_metal(observed, environment, fidelity, solver, seed=options.seed, progress=progress)
         fitted_at = time.perf_counter()
         progress("writing the report", 0)
@@ -150,6 +153,18 @@ def fit_scene(
         result = timed()
         write_result(result, folder / "result.json")
     return result
+
+
+def _device(name: str) -> torch.device:
+    """A device by torch's name for it, once it has shown that it computes here."""
+    try:
+        device = torch.device(name)
+        torch.ones(1, device=device).sum().item()
+    except Exception as error:  # each kind of device has its own way to be absent
+        count = torch.cuda.device_count()
+        known = ", ".join(["cpu", *(f"cuda:{i}" for i in range(count))])
+        raise InputError("--device", value=name, expected=f"one that torch can use here: {known}") from error
+    return device
 
 
 def load(scene_file: Path) -> Loaded:

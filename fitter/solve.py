@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import math
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -19,6 +20,8 @@ Residual = Callable[[Tensor], Tensor]
 Status = Literal["converged", "stopped"]
 
 PRECISE, ROUGH = 1e-6, 1e-3  # tolerances: of a result, and of a start for a better problem
+ZERO_RESIDUAL = 1e-9  # share of the first cost that counts as none where a perfect fit exists
+RANK_CUT = 1e-12  # singular values below this share of the largest are rounding
 STILL = 5  # steps in a row below the tolerance end Adam
 MAX_STEPS = {"lm": 64, "adam": 1000, "lbfgs": 200}
 
@@ -63,7 +66,7 @@ def levenberg_marquardt(residual: Residual, start: Float[Tensor, " x"], toleranc
     bridge.function = residual
     value, steps, converged = run(jnp.asarray(start.numpy()), tolerance)
     x = torch.tensor(value.tolist(), dtype=torch.float64)
-    return _solution(residual, start, x, bool(converged), int(steps), begun)
+    return _solution(residual, start, x, bool(converged), int(steps), begun, tolerance)
 
 
 @functools.cache
@@ -100,7 +103,7 @@ def adam(residual: Residual, start: Float[Tensor, " x"], tolerance: float = PREC
         schedule.step()
         steps += 1
         still = still + 1 if bool((x.detach() - before).abs().max() < tolerance) else 0
-    return _solution(residual, start, x.detach(), still == STILL, steps, begun)
+    return _solution(residual, start, x.detach(), still == STILL, steps, begun, tolerance)
 
 
 def lbfgs(residual: Residual, start: Float[Tensor, " x"], tolerance: float = PRECISE) -> Solution:
@@ -124,7 +127,7 @@ def lbfgs(residual: Residual, start: Float[Tensor, " x"], tolerance: float = PRE
 
     optimiser.step(closure)
     steps = int(optimiser.state[x]["n_iter"])
-    return _solution(residual, start, x.detach(), steps < MAX_STEPS["lbfgs"], steps, begun)
+    return _solution(residual, start, x.detach(), steps < MAX_STEPS["lbfgs"], steps, begun, tolerance)
 
 
 SOLVERS: dict[str, Solver] = {"lm": levenberg_marquardt, "adam": adam, "lbfgs": lbfgs}
@@ -134,8 +137,28 @@ def _half_square(residual: Float[Tensor, " r"]) -> Float[Tensor, ""]:
     return 0.5 * (residual**2).sum()
 
 
-def _solution(residual: Residual, start: Tensor, x: Tensor, converged: bool, steps: int, begun: float) -> Solution:
-    cost = float(_half_square(residual(x)))
-    if not (torch.isfinite(x).all() and cost < float("inf")):
-        x, cost, converged = start, float(_half_square(residual(start))), False
+def _solution(
+    residual: Residual, start: Tensor, x: Tensor, settled: bool, steps: int, begun: float, tolerance: float
+) -> Solution:
+    """What a solver found, believed only as far as the residuals themselves bear it out.
+
+    Args:
+        settled: whether the solver says that it has converged.
+    """
+    first, cost = float(_half_square(residual(start))), float(_half_square(residual(x)))
+    if not (torch.isfinite(x).all() and math.isfinite(cost)):
+        x, cost, settled = start, first, False
+    # A step shrunk to nothing by a wall of NaN, or by a falling rate, looks like convergence and is none.
+    worthwhile = max(tolerance * cost, ZERO_RESIDUAL * first)
+    converged = settled and _removable(residual, x) <= worthwhile
     return Solution(x, cost, "converged" if converged else "stopped", steps, time.perf_counter() - begun)
+
+
+def _removable(residual: Residual, x: Tensor) -> float:
+    """The cost that one more Gauss–Newton step would remove, ½|J J⁺ r|²; infinite where J is not finite."""
+    jacobian, r = torch.func.jacfwd(residual)(x), residual(x)
+    if not (jacobian.isfinite().all() and r.isfinite().all()):
+        return math.inf
+    span, singular, _ = torch.linalg.svd(jacobian, full_matrices=False)
+    span = span[:, singular > singular.max() * RANK_CUT]
+    return float(_half_square(span.T @ r))

@@ -114,14 +114,7 @@ def island(x: torch.Tensor) -> torch.Tensor:
     return residual if bool(x.detach().abs().max() < 1e-9) else residual * math.nan
 
 
-@pytest.mark.parametrize(
-    "solver",
-    [
-        pytest.param("lm", marks=pytest.mark.xfail(strict=True, reason="a step shrunk to nothing counts as converged")),
-        "adam",
-        "lbfgs",
-    ],
-)
+@pytest.mark.parametrize("solver", SOLVERS)
 def test_without_any_finite_step_the_solver_stops(solver):
     found = SOLVERS[solver](island, float64([0.0, 0.0]))
     torch.testing.assert_close(found.x, float64([0.0, 0.0]), atol=1e-9, rtol=0)
