@@ -33,7 +33,7 @@ class Solution:
     Attributes:
         x: the free vector, float64, finite.
         cost: half the sum of squared residuals there.
-        status: "converged", or "stopped" where the step limit came first or no finite step was left.
+        status: "converged" where a Gauss–Newton step would gain nothing more, else "stopped".
         steps: accepted and refused steps together.
         seconds: wall time.
     """
@@ -51,7 +51,8 @@ class Solver(Protocol):
     Args:
         residual: from a free vector to residuals, float64, differentiable by torch.
         start: a free vector.
-        tolerance: relative movement of free vector and cost below which the method has converged.
+        tolerance: relative movement below which the method stops, and the share of the cost that a further step may
+            still promise in a converged one.
     """
 
     def __call__(self, residual: Residual, start: Tensor, tolerance: float = PRECISE) -> Solution: ...
@@ -64,13 +65,16 @@ def levenberg_marquardt(residual: Residual, start: Float[Tensor, " x"], toleranc
     begun = time.perf_counter()
     bridge, run = _compiled(len(residual(start)))
     bridge.function = residual
-    value, steps, converged = run(jnp.asarray(start.numpy()), tolerance)
-    x = torch.tensor(value.tolist(), dtype=torch.float64)
-    return _solution(residual, start, x, bool(converged), int(steps), begun, tolerance)
+    try:
+        value, steps = run(jnp.asarray(start.numpy()), tolerance)
+        x = torch.tensor(value.tolist(), dtype=torch.float64)  # JAX may have returned before it was done
+    except Exception as error:
+        raise bridge.raised or error from None
+    return _solution(residual, start, x, int(steps), begun, tolerance)
 
 
 @functools.cache
-def _compiled(size: int) -> tuple[Bridge, Callable[..., tuple[Any, Any, Any]]]:
+def _compiled(size: int) -> tuple[Bridge, Callable[..., tuple[Any, Any]]]:
     """Levenberg–Marquardt for residuals of one length; compiling takes longer than most fits."""
     import jax
     import optimistix as optx
@@ -80,10 +84,10 @@ def _compiled(size: int) -> tuple[Bridge, Callable[..., tuple[Any, Any, Any]]]:
     bridge = Bridge(lambda x: x, size)
     function = bridge.jax_function()
 
-    def run(start: jax.Array, tolerance: jax.Array) -> tuple[jax.Array, jax.Array, jax.Array]:
+    def run(start: jax.Array, tolerance: jax.Array) -> tuple[jax.Array, jax.Array]:
         solver = optx.LevenbergMarquardt(rtol=tolerance, atol=tolerance)  # type: ignore[arg-type]
         found = optx.least_squares(lambda y, _: function(y), solver, start, max_steps=MAX_STEPS["lm"], throw=False)
-        return found.value, found.stats["num_steps"], found.result == optx.RESULTS.successful
+        return found.value, found.stats["num_steps"]
 
     return bridge, jax.jit(run)
 
@@ -103,7 +107,7 @@ def adam(residual: Residual, start: Float[Tensor, " x"], tolerance: float = PREC
         schedule.step()
         steps += 1
         still = still + 1 if bool((x.detach() - before).abs().max() < tolerance) else 0
-    return _solution(residual, start, x.detach(), still == STILL, steps, begun, tolerance)
+    return _solution(residual, start, x.detach(), steps, begun, tolerance)
 
 
 def lbfgs(residual: Residual, start: Float[Tensor, " x"], tolerance: float = PRECISE) -> Solution:
@@ -127,7 +131,7 @@ def lbfgs(residual: Residual, start: Float[Tensor, " x"], tolerance: float = PRE
 
     optimiser.step(closure)
     steps = int(optimiser.state[x]["n_iter"])
-    return _solution(residual, start, x.detach(), steps < MAX_STEPS["lbfgs"], steps, begun, tolerance)
+    return _solution(residual, start, x.detach(), steps, begun, tolerance)
 
 
 SOLVERS: dict[str, Solver] = {"lm": levenberg_marquardt, "adam": adam, "lbfgs": lbfgs}
@@ -137,20 +141,15 @@ def _half_square(residual: Float[Tensor, " r"]) -> Float[Tensor, ""]:
     return 0.5 * (residual**2).sum()
 
 
-def _solution(
-    residual: Residual, start: Tensor, x: Tensor, settled: bool, steps: int, begun: float, tolerance: float
-) -> Solution:
-    """What a solver found, believed only as far as the residuals themselves bear it out.
-
-    Args:
-        settled: whether the solver says that it has converged.
-    """
+def _solution(residual: Residual, start: Tensor, x: Tensor, steps: int, begun: float, tolerance: float) -> Solution:
+    """What a solver found, and whether the residuals themselves call it converged."""
     first, cost = float(_half_square(residual(start))), float(_half_square(residual(x)))
     if not (torch.isfinite(x).all() and math.isfinite(cost)):
-        x, cost, settled = start, first, False
-    # A step shrunk to nothing by a wall of NaN, or by a falling rate, looks like convergence and is none.
+        x, cost = start, first
+    # Steps are no witness: a wall of NaN or a falling rate shrinks them to nothing before the minimum, and along a
+    # valley that the residuals hardly determine they stay long when nothing is left to gain.
     worthwhile = max(tolerance * cost, ZERO_RESIDUAL * first)
-    converged = settled and _removable(residual, x) <= worthwhile
+    converged = _removable(residual, x) <= worthwhile
     return Solution(x, cost, "converged" if converged else "stopped", steps, time.perf_counter() - begun)
 
 
