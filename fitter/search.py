@@ -177,7 +177,8 @@ def light_table(
 ) -> LightTable:
     """The table of a fidelity's lobe; `levels` are the ends of its roughness and their number."""
     if fidelity.lobe == "taps":
-        faces = cubemap.from_environment(environment, VIEWER_FACE_SIZE)
+        on_cpu = replace(environment, radiance=environment.radiance.cpu())  # 49 taps are not worth the way
+        faces = cubemap.from_environment(on_cpu, VIEWER_FACE_SIZE)
         return transport.tap_table(surface, faces, levels, degree=fidelity.degree)
     return transport.microfacet_table(
         surface,

@@ -55,6 +55,10 @@ class GBuffer:
         lead = self.hit.dim()
         return GBuffer(*((t := getattr(self, f.name)).reshape(*shape, *t.shape[lead:]) for f in fields(self)))
 
+    def to(self, device: torch.device) -> GBuffer:
+        """The same rays on another device."""
+        return GBuffer(*(getattr(self, f.name).to(device) for f in fields(self)))
+
 
 Tracer = Callable[[Float[Tensor, "p 3"], Float[Tensor, "p 3"]], GBuffer]
 

@@ -37,8 +37,8 @@ def build(environment: Environment) -> LampSampler:
     """The sampler of an environment."""
     height, width = environment.radiance.shape[:2]
     density = sampling_density(environment)
-    share = (density.double() * row_solid_angle(height, width)[:, None]).flatten()
-    order = torch.from_numpy(_z_order(height, width))
+    share = (density.double() * row_solid_angle(height, width).to(density.device)[:, None]).flatten()
+    order = torch.from_numpy(_z_order(height, width)).to(density.device)
     cumulative = share[order].cumsum(0)
     return LampSampler(order, cumulative / cumulative[-1], density.flatten(), width, height, environment.rotation)
 
@@ -73,7 +73,7 @@ def sampling_density(environment: Environment) -> Float[Tensor, "h w"]:
     """
     light = environment.radiance.mean(2)[None, None]
     spread = torch.nn.functional.avg_pool2d(with_border(light), 3, stride=1)[0, 0]
-    total = (spread.double() * row_solid_angle(*spread.shape)[:, None]).sum()
+    total = (spread.double() * row_solid_angle(*spread.shape).to(spread.device)[:, None]).sum()
     return (spread / total).to(environment.radiance)
 
 

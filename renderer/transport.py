@@ -102,7 +102,7 @@ def microfacet_table(
 
     Args:
         surface: [p, k] rays inside each of p pixels, all on the front of the object.
-        environment: the light.
+        environment: the light; the integration runs on its device.
         alphas: lowest and highest microfacet width, and the number of levels between them.
         distribution: "ggx" or "beckmann".
         degree: number of Chebyshev polynomials for the reflectance.
@@ -111,26 +111,27 @@ def microfacet_table(
         progress: told the share that is done, in (0, 1].
 
     Returns:
-        the table, float32.
+        the table, float32, on the CPU.
     """
     low, high, count = alphas
-    pixels = len(surface.hit)
+    pixels, device = len(surface.hit), environment.radiance.device
     lamp_sampler = lamps.build(environment)
     light = latlong.of(environment, lamps.sampling_density(environment))
-    points = _Points.draw(samples // 2, surface.hit.shape[1], seed)
-    generator = torch.Generator().manual_seed(seed)
+    points = _Points.draw(samples // 2, surface.hit.shape[1], seed, device)
+    generator = torch.Generator(device).manual_seed(seed)
     table = torch.empty(2, count, pixels, degree, 3)
     step = max(1, _CHUNK // samples)
     for start in range(0, pixels, step):
         chunk = slice(start, start + step)
-        frame = _frames(surface[chunk], points.ray)
+        frame = _frames(surface[chunk].to(device), points.ray)
         u1, u2 = points.shifted(len(frame.cos_v), generator)
         towards_lamps = _draw_lamps(lamp_sampler, light, frame, generator)
         for a, alpha in enumerate(levels(low, high, count, "log")):
-            drawn = (_draw_lobe(light, frame, alpha, u1, u2), towards_lamps)
-            table[:, a, chunk] = sum(
-                _moments(_weighted_light(frame, alpha, distribution, d), d.cos_d, degree) for d in drawn
+            from_lobe, from_lamps = (
+                _moments(_weighted_light(frame, alpha, distribution, drawn), drawn.cos_d, degree)
+                for drawn in (_draw_lobe(light, frame, alpha, u1, u2), towards_lamps)
             )
+            table[:, a, chunk] = (from_lobe + from_lamps).cpu()
         progress(min(1.0, (start + step) / pixels))
     return LightTable(table, low, high, "log")
 
@@ -217,13 +218,13 @@ class _Points:
     ray: Tensor
 
     @staticmethod
-    def draw(samples: int, rays: int, seed: int) -> _Points:
-        u1, u2, u3 = torch.quasirandom.SobolEngine(3, scramble=True, seed=seed).draw(samples).T
+    def draw(samples: int, rays: int, seed: int, device: torch.device) -> _Points:
+        u1, u2, u3 = torch.quasirandom.SobolEngine(3, scramble=True, seed=seed).draw(samples).T.to(device)
         return _Points(u1, u2, (u3 * rays).long().clamp_max(rays - 1))
 
     def shifted(self, pixels: int, generator: torch.Generator) -> tuple[Float[Tensor, "p s"], Float[Tensor, "p s"]]:
         """The points under another shift for each pixel [Cranley & Patterson 1976], so that errors average out."""
-        shift = torch.rand(2, pixels, 1, generator=generator)
+        shift = torch.rand(2, pixels, 1, generator=generator, device=generator.device)
         return (self.u1 + shift[0]) % 1, (self.u2 + shift[1]) % 1
 
 
@@ -260,10 +261,10 @@ def _draw_lobe(
 
 def _draw_lamps(sampler: LampSampler, light: LatLong, frame: _Frames, generator: torch.Generator) -> _Directions:
     pixels, samples = frame.cos_v.shape
-    stratum = torch.arange(samples)
+    stratum = torch.arange(samples, device=generator.device)
     # Odd strata after even ones: each half of the samples then covers all of the light.
     stratum = torch.cat([stratum[0::2], stratum[1::2]])
-    u, u1, u2 = torch.rand(3, pixels, samples, generator=generator)
+    u, u1, u2 = torch.rand(3, pixels, samples, generator=generator, device=generator.device)
     x, y, z, density = lamps.sample(sampler, (stratum + u) / samples, u1, u2)
     found = latlong.lookup(light, x, y, z)
     lx, ly, lz = frame.to_local(x, y, z)
