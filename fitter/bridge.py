@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 
 import jax
 import jax.numpy as jnp
@@ -26,7 +25,8 @@ class Bridge:
     Attributes:
         function: from a float64 vector to a float64 vector of length `size`, pure.
         size: length of the result.
-        raised: what `function` raised when last called, Ctrl-C included; JAX tells only its text, as its own error.
+        raised: what `function` raised, Ctrl-C included, since it was put here. JAX would print a traceback of its own
+            and tell only its text: it gets NaN instead, and whoever called JAX looks here.
     """
 
     def __init__(self, function: Callable[[Tensor], Tensor], size: int) -> None:
@@ -56,25 +56,27 @@ class Bridge:
         return value
 
     def _value(self, x: np.ndarray) -> np.ndarray:
-        with self._remembering():
-            return self.function(_tensor(x)).detach().numpy()
+        return self._caught(lambda: self.function(_tensor(x)).detach(), (self.size,))
 
     def _product(self, x: np.ndarray, direction: np.ndarray) -> np.ndarray:
-        with self._remembering():
-            points, directions = _tensor(x).reshape(-1, x.shape[-1]), _tensor(direction)
-            if torch.equal(points, points[:1].expand_as(points)):  # `jax.linearize` maps over directions alone
-                return (directions @ self._jacobian_at(points[0]).T).numpy()
-            pairs = zip(points, directions.reshape(-1, x.shape[-1]), strict=True)
-            products = torch.stack([self._jacobian_at(point) @ along for point, along in pairs])
-            return products.reshape(*direction.shape[:-1], self.size).numpy()
+        return self._caught(lambda: self._products(_tensor(x), _tensor(direction)), (*direction.shape[:-1], self.size))
 
-    @contextmanager
-    def _remembering(self) -> Iterator[None]:
-        try:
-            yield
-        except BaseException as error:
-            self.raised = error
-            raise
+    def _caught(self, compute: Callable[[], Tensor], shape: tuple[int, ...]) -> np.ndarray:
+        """What `compute` returns; NaN, at once, from its first exception on."""
+        if self.raised is None:
+            try:
+                return compute().numpy()
+            except BaseException as error:
+                self.raised = error
+        return np.full(shape, np.nan)
+
+    def _products(self, x: Tensor, directions: Tensor) -> Tensor:
+        points = x.reshape(-1, x.shape[-1])
+        if torch.equal(points, points[:1].expand_as(points)):  # `jax.linearize` maps over directions alone
+            return directions @ self._jacobian_at(points[0]).T
+        pairs = zip(points, directions.reshape(-1, x.shape[-1]), strict=True)
+        products = torch.stack([self._jacobian_at(point) @ along for point, along in pairs])
+        return products.reshape(*directions.shape[:-1], self.size)
 
     def _jacobian_at(self, point: Tensor) -> Tensor:
         # A Levenberg–Marquardt step asks twice at one point: for the slope, and for the matrix.

@@ -65,11 +65,10 @@ def levenberg_marquardt(residual: Residual, start: Float[Tensor, " x"], toleranc
     begun = time.perf_counter()
     bridge, run = _compiled(len(residual(start)))
     bridge.function = residual
-    try:
-        value, steps = run(jnp.asarray(start.numpy()), tolerance)
-        x = torch.tensor(value.tolist(), dtype=torch.float64)  # JAX may have returned before it was done
-    except Exception as error:
-        raise bridge.raised or error from None
+    value, steps = run(jnp.asarray(start.numpy()), tolerance)
+    x = torch.tensor(value.tolist(), dtype=torch.float64)  # waits for JAX
+    if bridge.raised is not None:
+        raise bridge.raised
     return _solution(residual, start, x, int(steps), begun, tolerance)
 
 

@@ -7,6 +7,7 @@ import pytest
 import torch
 
 from fitter.bridge import Bridge
+from fitter.solve import levenberg_marquardt
 
 
 def curve(x: torch.Tensor) -> torch.Tensor:
@@ -76,10 +77,12 @@ def test_derivatives_map_over_points(function):
 
 def test_what_torch_raises_is_not_swallowed():
     def broken(x: torch.Tensor) -> torch.Tensor:
-        raise ValueError("no light on this pixel")
+        if x[0] != 0:
+            raise ValueError("no light on this pixel")
+        return x - 1  # … and moves on from its start
 
-    with pytest.raises(Exception, match="no light on this pixel"):
-        Bridge(broken, 1).jax_function()(jnp.zeros(1)).block_until_ready()
+    with pytest.raises(ValueError, match=r"^no light on this pixel$"):
+        levenberg_marquardt(broken, torch.zeros(2, dtype=torch.float64))
 
 
 def test_an_exchanged_function_is_used_without_compiling_again():
@@ -89,3 +92,18 @@ def test_an_exchanged_function_is_used_without_compiling_again():
     bridge.function = lambda x: 2 * curve(x)
     np.testing.assert_allclose(function(jnp.asarray(POINT)), 2 * jacobian(POINT), rtol=1e-14)
     assert function._cache_size() == 1
+
+
+@pytest.mark.parametrize("error", [ZeroDivisionError("ours"), KeyboardInterrupt()])
+def test_what_the_function_raises_is_kept_and_not_printed(error, capfd):
+    def broken(x):
+        raise error
+
+    bridge = Bridge(broken, 3)
+    assert np.isnan(bridge.jax_function()(jnp.ones(2))).all()
+    assert bridge.raised is error
+    bridge.function = lambda x: torch.cat([x, x[:1]])
+    assert bridge.raised is None
+    np.testing.assert_array_equal(bridge.jax_function()(jnp.ones(2)), np.ones(3))
+    printed = capfd.readouterr()
+    assert printed == ("", "")
