@@ -41,8 +41,7 @@ class Bridge:
     def function(self, function: Callable[[Tensor], Tensor]) -> None:
         self._function = function
         self.raised: BaseException | None = None
-        self._point: Tensor | None = None
-        self._jacobian: Tensor | None = None
+        self._last: tuple[Tensor, Tensor] | None = None  # a point, and the Jacobian there
 
     def jax_function(self) -> Callable[[Array], Array]:
         """`function` for JAX, differentiable by `jax.jvp` and `jax.linearize`, also under `vmap`."""
@@ -80,9 +79,9 @@ class Bridge:
 
     def _jacobian_at(self, point: Tensor) -> Tensor:
         # A Levenberg–Marquardt step asks twice at one point: for the slope, and for the matrix.
-        if self._jacobian is None or self._point is None or not torch.equal(point, self._point):
-            self._point, self._jacobian = point, torch.func.jacfwd(self._function)(point).detach()
-        return self._jacobian
+        if self._last is None or not torch.equal(point, self._last[0]):
+            self._last = point, torch.func.jacfwd(self._function)(point).detach()
+        return self._last[1]
 
 
 def _tensor(array: np.ndarray) -> Tensor:

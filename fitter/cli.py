@@ -219,7 +219,8 @@ def _fit(scene: Path, out: Path, fidelity: str, lobe: str, solver: str, seed: in
         if solver == "lm":
             import fitter.bridge  # noqa: F401 — its imports are start-up, not solving
         command = shlex.join(["fit-material", *sys.argv[1:]])
-        options = FitOptions(preset(fidelity, lobe), solver, seed, device, command)
+        chosen = preset(fidelity, lobe)  # type: ignore[arg-type] — a value of LobeName
+        options = FitOptions(chosen, solver, seed, device, command)
         result = fit_scene(scene, out, options, progress, BEGUN)
     _print_result(result, out)
     return DONE if result.status == "converged" else NO_MATERIAL

@@ -55,9 +55,7 @@ class Camera:
         return position.expand(direction.shape), direction
 
 
-def look_at(
-    origin: Float[Tensor, "3"], target: Float[Tensor, "3"], up: Float[Tensor, "3"]
-) -> Float[Tensor, "4 4"]:
+def look_at(origin: Float[Tensor, "3"], target: Float[Tensor, "3"], up: Float[Tensor, "3"]) -> Float[Tensor, "4 4"]:
     """Camera-to-world matrix of a camera at `origin` that looks at `target`.
 
     Args:

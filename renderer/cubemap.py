@@ -105,9 +105,7 @@ def with_margin(faces: Float[Tensor, "6 n n 3"]) -> Float[Tensor, "6 n+2 n+2 3"]
         padded[:, rows, columns] = faces[face, row, column]
     for row, inner_row in ((0, 1), (-1, -2)):
         for column, inner_column in ((0, 1), (-1, -2)):
-            touching = (
-                padded[:, inner_row, inner_column] + padded[:, row, inner_column] + padded[:, inner_row, column]
-            )
+            touching = padded[:, inner_row, inner_column] + padded[:, row, inner_column] + padded[:, inner_row, column]
             padded[:, row, column] = touching / 3
     return padded
 
