@@ -40,6 +40,7 @@ from renderer.gbuffer import Tracer
 from renderer.mesh import Mesh, Shape
 from renderer.picture import draw
 from renderer.scene import Scene, read_scene, read_shape
+from renderer.threads import one_thread_per_operation
 
 Progress = Callable[[str, float], None]
 
@@ -109,7 +110,7 @@ def fit_scene(
     solver = SOLVERS[options.solver]
     fidelity = options.fidelity
     device = _device(options.device)
-    with replaced_together(out) as folder:
+    with one_thread_per_operation(), replaced_together(out) as folder:
         progress("reading", 0)
         loaded = load(scene_file)
         loaded_at = time.perf_counter()
@@ -176,14 +177,14 @@ def load(scene_file: Path) -> Loaded:
     scene = read_scene(scene_file)
     _require_supported(scene, scene_file)
     shape = read_shape(scene.geometry)
-    names = shape.material_names if isinstance(shape, Mesh) else ("default",)
-    if len(names) > 1:
-        expected = f"a mesh of one material; this one names {', '.join(names)}"
+    name, *further = shape.material_names if isinstance(shape, Mesh) else ("default",)
+    if further:
+        expected = f"a mesh of one material; this one names {', '.join([name, *further])}"
         raise InputError(scene_file, "geometry.mesh", scene.geometry.mesh or "", expected)
     photographs = tuple(read_photograph(spec, scene_file, i) for i, spec in enumerate(scene.photographs))
     light = scene.environment
     environment = read_environment(light.map, rotation=light.rotation, scale=light.scale)
-    material = scene.materials[0].name if scene.materials else names[0]
+    material = scene.materials[0].name if scene.materials else name
     stem = scene.geometry.mesh.stem if scene.geometry.mesh else str(scene.geometry.shape)
     return Loaded(scene, photographs, shape, environment, stem, material, _inputs(scene, scene_file))
 

@@ -23,6 +23,7 @@ from renderer.environment import Environment
 from renderer.gbuffer import GBuffer
 from renderer.lamps import LampSampler
 from renderer.latlong import LatLong
+from renderer.threads import map_in_threads
 from shaders import lobe
 
 Reflectance = Callable[[Float[Tensor, "b 1"]], Float[Tensor, "b 3"]]
@@ -118,21 +119,27 @@ def microfacet_table(
     lamp_sampler = lamps.build(environment)
     light = latlong.of(environment, lamps.sampling_density(environment))
     points = _Points.draw(samples // 2, surface.hit.shape[1], seed, device)
-    generator = torch.Generator(device).manual_seed(seed)
-    table = torch.empty(2, count, pixels, degree, 3)
     step = max(1, _CHUNK // samples)
-    for start in range(0, pixels, step):
-        chunk = slice(start, start + step)
-        frame = _frames(surface[chunk].to(device), points.ray)
+
+    def integrate(start: int) -> Float[Tensor, "2 a c b 3"]:
+        generator = torch.Generator(device).manual_seed(seed * pixels + start)
+        frame = _frames(surface[start : start + step].to(device), points.ray)
         u1, u2 = points.shifted(len(frame.cos_v), generator)
         towards_lamps = _draw_lamps(lamp_sampler, light, frame, generator)
-        for a, alpha in enumerate(levels(low, high, count, "log")):
+        made = []
+        for alpha in levels(low, high, count, "log"):
             from_lobe, from_lamps = (
                 _moments(_weighted_light(frame, alpha, distribution, drawn), drawn.cos_d, degree)
                 for drawn in (_draw_lobe(light, frame, alpha, u1, u2), towards_lamps)
             )
-            table[:, a, chunk] = (from_lobe + from_lamps).cpu()
-        progress(min(1.0, (start + step) / pixels))
+            made.append((from_lobe + from_lamps).cpu())
+        return torch.stack(made, 1)
+
+    chunks = []
+    for chunk in map_in_threads(integrate, range(0, pixels, step)):
+        chunks.append(chunk)
+        progress(min(1.0, len(chunks) * step / pixels))
+    table = torch.cat(chunks, 2)
     return LightTable(table, low, high, "log")
 
 

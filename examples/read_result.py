@@ -1,0 +1,32 @@
+"""Read a result.json: what is known of the metal, and what is not. Usage: read_result.py RESULT.json"""
+
+import json
+import sys
+from pathlib import Path
+
+
+def report(path: Path) -> str:
+    """A line per number: value ± error where the photographs determine it, else the interval it lies in."""
+    result = json.loads(path.read_text())
+    lines = [f"{result['status']}: {result['message']}"]
+    for material in result["materials"]:
+        nearest = material["nearest"][0]
+        lines.append(f"{material['name']}: most like {nearest['name']}, {nearest['distance']:.1f} σ away")
+        for key in ("f0", "n", "k", "alpha"):
+            lines.extend(f"  {key} {text}" for text in _numbers(material, key))
+    return "\n".join(lines)
+
+
+def _numbers(material: dict, key: str) -> list[str]:
+    def each(value: object) -> list:
+        return value if isinstance(material[key], list) else [value]
+
+    parts = (material[key], material["stderr"][key], material["interval95"][key], material["determined"][key])
+    rows = zip(*map(each, parts), strict=True)
+    return [
+        f"= {value:.4f} ± {error:.4f}" if known else f"lies in {interval}" for value, error, interval, known in rows
+    ]
+
+
+if __name__ == "__main__":
+    print(report(Path(sys.argv[1])))

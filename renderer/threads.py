@@ -1,0 +1,35 @@
+"""Work shared among cores by pieces, each piece on one core.
+
+Torch shares every single operation among cores and waits for the slowest after each. Ours are short: on a busy machine
+the waiting took three quarters of the time. Whole pieces of work in threads wait for each other only at the end.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
+from typing import TypeVar
+
+import torch
+
+Item = TypeVar("Item")
+Made = TypeVar("Made")
+
+
+@contextmanager
+def one_thread_per_operation() -> Iterator[None]:
+    """Torch's operations run on the core that calls them, inside the block and in threads begun inside it."""
+    before = torch.get_num_threads()
+    torch.set_num_threads(1)
+    try:
+        yield
+    finally:
+        torch.set_num_threads(before)
+
+
+def map_in_threads(work: Callable[[Item], Made], items: Iterable[Item]) -> Iterator[Made]:
+    """`map`, on as many threads as this process has cores; what has not begun is dropped where the caller stops."""
+    with one_thread_per_operation(), ThreadPoolExecutor(len(os.sched_getaffinity(0))) as pool:
+        yield from pool.map(work, items)
