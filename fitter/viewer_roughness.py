@@ -62,7 +62,8 @@ def viewer_roughness(observed: Observations, environment: Environment, metal: Me
     coarse = np.linspace(low, high, COARSE_STEPS)
     best = int(np.argmin([cost(rho) for rho in coarse]))
     bounds = coarse[max(best - 1, 0)], coarse[min(best + 1, COARSE_STEPS - 1)]
-    rho = float(minimize_scalar(cost, bounds=bounds, method="bounded", options={"xatol": 1e-4}).x)
+    found = minimize_scalar(cost, bounds=bounds, method="bounded", options={"xatol": 1e-4})
+    rho = float(found.x)  # type: ignore[attr-defined] — which scipy's annotations leave out
     before, after = max(rho - SLOPE_STEP, low), min(rho + SLOPE_STEP, high)
     slope = (residual(after) - residual(before)) / (after - before)
     information, variance = float((slope**2).sum()), cost(rho) / max(1, slope.size - 1)

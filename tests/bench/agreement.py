@@ -25,7 +25,8 @@ SIZE, REPEATS, SPP, SAMPLES = 96, 4, 4096, 4096
 
 def rows(variant: str) -> Iterator[str]:
     """Lines of a Markdown table."""
-    yield f"Sphere, {SIZE}², gold, covered pixels; Mitsuba ({variant}) {REPEATS} × {SPP} samples a pixel, ours {SAMPLES}."
+    mitsuba = f"Mitsuba ({variant}) {REPEATS} × {SPP} samples a pixel"
+    yield f"Sphere, {SIZE}², gold, covered pixels; {mitsuba}, ours {SAMPLES}."
     yield ""
     yield "| environment | lobe | alpha | mean difference R, G, B | standard error | z² per pixel | pixels |"
     yield "|---|---|---|---|---|---|---|"
