@@ -8,7 +8,7 @@ from typing import Literal
 from shaders.lobe import Distribution
 
 MICROFACET_RANGE = (0.005, 1.2)  # alpha: from what no pixel of a photograph resolves to beyond any metal's finish
-BLUR_RANGE = (0.0, 2.0)  # ρ: at 2 the taps already span ± 63°
+BLUR_RANGE = (1e-3, 2.0)  # ρ: below, the taps lie within a texel; at 2 they already span ± 63°
 
 
 @dataclass(frozen=True)
@@ -25,6 +25,8 @@ class Fidelity:
         footprint: rays along each side of a pixel.
         search_levels, levels: roughness levels over the whole range, and around the roughness found.
         degree: Chebyshev polynomials for the reflectance.
+        spans: factors around the roughness found, both ways, that the tables after the search span in turn. The 49
+            taps step over texels and so depend on ρ without smoothness: their last span has to be a narrow one.
     """
 
     name: str
@@ -37,10 +39,11 @@ class Fidelity:
     search_levels: int
     levels: int
     degree: int
+    spans: tuple[float, ...] = (1.25,)
 
 
 PRESETS = {
-    "viewer": Fidelity("viewer", "lazanyi", "taps", 49, 49, 4000, 1, 24, 24, 6),
+    "viewer": Fidelity("viewer", "lazanyi", "taps", 49, 49, 4000, 1, 24, 9, 6, (1.25, 1.05, 1.005)),
     "preview": Fidelity("preview", "conductor", "ggx", 64, 32, 1000, 2, 12, 5, 12),
     "standard": Fidelity("standard", "conductor", "ggx", 512, 64, 4000, 4, 12, 5, 12),
     "reference": Fidelity("reference", "conductor", "ggx", 2048, 128, 16000, 8, 14, 7, 16),

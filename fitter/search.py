@@ -27,8 +27,7 @@ Progress = Callable[[str, float], None]
 SEARCH_THRESHOLD = 0.1  # in units of the radiance: differences beyond 10 % are taken for outliers while searching
 ROBUST_AT = 3.0  # scatters; the share of normal errors beyond is 0.3 %, so that clean data lose nothing
 EXACT = 1e-9  # least threshold, where photographs are noiseless and the scatter is nothing but rounding
-REFINED_SPAN = 1.25  # factor around the roughness found, both ways
-MAX_ROUNDS = 4
+MORE_ROUNDS = 3  # where the roughness runs into an end of the last span
 VIEWER_FACE_SIZE = 256  # texels along a cubemap face: the resolution of a 1k map
 
 
@@ -64,8 +63,8 @@ def fit_metal(
 ) -> Fit:
     """Fit one metal to the observed pixels.
 
-    A coarse table over all roughnesses serves the search; a finer one around the roughness found serves the rest,
-    and is laid anew where the roughness leaves it.
+    A coarse table over all roughnesses serves the search; finer ones around the roughness found serve the rest, the
+    last of them laid anew where the roughness leaves it.
 
     Args:
         observed: the pixels.
@@ -85,14 +84,14 @@ def fit_metal(
     residuals, start = _search_round(table, observed, fidelity)
     solutions = [solver(residuals, residuals.coordinates.free(start), ROUGH)]
     metal = residuals.coordinates.metal(solutions[-1].x)
-    for _ in range(MAX_ROUNDS):
-        if fidelity.lobe != "taps":  # whose table is exact as it is
-            span = _span_around(float(metal.roughness), whole)
-            table = table_of(span, fidelity.levels, fidelity.samples, "integrating")
+    spans = [*fidelity.spans, *[fidelity.spans[-1]] * MORE_ROUNDS]
+    for done, factor in enumerate(spans, start=1):
+        span = _span_around(float(metal.roughness), factor, whole)
+        table = table_of(span, fidelity.levels, fidelity.samples, "integrating")
         residuals = _refined_round(table, observed, residuals, metal)
         solutions.append(solver(residuals, residuals.coordinates.free(_inside(metal, residuals.coordinates.roughness))))
         metal = residuals.coordinates.metal(solutions[-1].x)
-        if not _at_an_end(float(metal.roughness), residuals.coordinates.roughness, whole):
+        if done >= len(fidelity.spans) and not _at_an_end(float(metal.roughness), span, whole):
             break
     halves = (_of_half(residuals, 0), _of_half(residuals, 1))
     return Fit(metal, solutions[-1].x, residuals, halves, solutions[-1], sum(each.seconds for each in solutions))
@@ -192,10 +191,11 @@ def light_table(
     )
 
 
-def _span_around(roughness: float, whole_range: tuple[float, float]) -> tuple[float, float]:
-    low, high = whole_range
-    centre = min(max(roughness, low * REFINED_SPAN), high / REFINED_SPAN)
-    return centre / REFINED_SPAN, centre * REFINED_SPAN
+def _span_around(roughness: float, factor: float, whole: tuple[float, float]) -> tuple[float, float]:
+    """From roughness/factor to roughness·factor, moved inside the whole range."""
+    low, high = whole
+    centre = min(max(roughness, low * factor), high / factor)
+    return centre / factor, centre * factor
 
 
 def _inside(metal: Metal, roughness: Interval) -> Metal:
@@ -204,8 +204,10 @@ def _inside(metal: Metal, roughness: Interval) -> Metal:
     return replace(metal, roughness=metal.roughness.clamp(roughness.low + margin, roughness.high - margin))
 
 
-def _at_an_end(roughness: float, interval: Interval, whole: tuple[float, float]) -> bool:
-    """Whether the roughness ran into an end of its interval that is no end of the whole range."""
-    at_low = roughness < interval.low * 1.02 and interval.low > whole[0] * 1.01
-    at_high = roughness > interval.high / 1.02 and interval.high < whole[1] / 1.01
+def _at_an_end(roughness: float, span: tuple[float, float], whole: tuple[float, float]) -> bool:
+    """Whether the roughness ran into an end of its span, in the outer twentieth, that is no end of the whole range."""
+    low, high = span
+    margin = 0.05 * (high - low)
+    at_low = roughness < low + margin and low > whole[0] * 1.01
+    at_high = roughness > high - margin and high < whole[1] / 1.01
     return at_low or at_high

@@ -84,14 +84,14 @@ def _observe(
     mirrors_itself = sees_itself(trace, centres)
     usable = ~mirrors_itself if not mirrors_itself.all() else mirrors_itself
     pixels, n_dot_v = pixels[usable], centres.n_dot_v[usable]
-    pixels = pixels[_evenly_by_angle(n_dot_v, quota)]
+    pixels = pixels[_evenly_by_angle(n_dot_v, quota + quota // 8)]  # some will not be whole
     surface = gbuffer.pixel_footprints(trace, photograph.camera, pixels[:, 1], pixels[:, 0], footprint)
     whole = surface.front.all(-1)
     if not whole.any():
         raise InputError(*place, value="", expected="a pixel that the object covers wholly; come nearer")
-    row, column = pixels[whole].T
+    row, column = pixels[whole][:quota].T
     radiance = photograph.radiance[row, column].double()
-    return Observations(surface[whole], radiance, float(mirrors_itself.double().mean()))
+    return Observations(surface[whole][:quota], radiance, float(mirrors_itself.double().mean()))
 
 
 def _require_front(centres: GBuffer, place: tuple[Path, str]) -> None:

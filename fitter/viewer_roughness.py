@@ -58,7 +58,7 @@ def viewer_roughness(observed: Observations, environment: Environment, metal: Me
         return float((residual(rho) ** 2).sum())
 
     # The blur of a real map has several minima in ρ; a coarse look finds the valley, Brent's method its bottom.
-    low, high = BLUR_RANGE
+    low, high = 0.0, BLUR_RANGE[1]
     coarse = np.linspace(low, high, COARSE_STEPS)
     best = int(np.argmin([cost(rho) for rho in coarse]))
     bounds = coarse[max(best - 1, 0)], coarse[min(best + 1, COARSE_STEPS - 1)]

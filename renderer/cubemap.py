@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import torch
 from jaxtyping import Float, Int
@@ -36,6 +37,12 @@ class Cubemap:
     """
 
     faces: Float[Tensor, "6 n n 3"]
+
+    @cached_property
+    def stacked(self) -> Float[Tensor, "1 3 rows columns"]:
+        """The faces with their borders, one below the other."""
+        bordered = with_margin(self.faces)
+        return bordered.flatten(0, 1).permute(2, 0, 1)[None].contiguous()
 
 
 def face_directions(size: int, margin: int = 0) -> Float[Tensor, "6 m m 3"]:
@@ -74,17 +81,13 @@ def lookup(cubemap: Cubemap, directions: Float[Tensor, "*p 3"]) -> Float[Tensor,
         radiance [*p, 3] in the faces' dtype; differentiable with respect to directions and texels.
     """
     size = cubemap.faces.shape[1]
-    padded = with_margin(cubemap.faces)
-    face, right, down = face_position(directions.to(padded))
-    x = ((right + 1) * size - 1) / 2 + 1
-    y = ((down + 1) * size - 1) / 2 + 1
-    column, row = x.detach().floor().clamp(0, size).long(), y.detach().floor().clamp(0, size).long()
-    wx, wy = (x - column)[..., None], (y - row)[..., None]
-    texel = padded[face, row, column], padded[face, row, column + 1]
-    below = padded[face, row + 1, column], padded[face, row + 1, column + 1]
-    upper = texel[0] * (1 - wx) + texel[1] * wx
-    lower = below[0] * (1 - wx) + below[1] * wx
-    return upper * (1 - wy) + lower * wy
+    face, right, down = face_position(directions.to(cubemap.faces))
+    # The bordered faces stand below each other, so that one lookup in one picture serves all six.
+    column = (right + 1) * size / 2 + 1
+    row = (down + 1) * size / 2 + 1 + face * (size + 2)
+    grid = torch.stack([column * (2 / (size + 2)) - 1, row * (2 / (6 * (size + 2))) - 1], -1).reshape(1, -1, 1, 2)
+    found = torch.nn.functional.grid_sample(cubemap.stacked, grid, mode="bilinear", align_corners=False)
+    return found[0, :, :, 0].T.reshape(*directions.shape)
 
 
 def with_margin(faces: Float[Tensor, "6 n n 3"]) -> Float[Tensor, "6 n+2 n+2 3"]:

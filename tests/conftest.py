@@ -5,7 +5,11 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
+import torch
 from hypothesis import settings
+
+# several tests run at once, and the machine is shared: operations that wait for other cores wait long
+torch.set_num_threads(1)
 
 # the same examples on every machine, however slow the first call that compiles or imports something
 settings.register_profile("steady", deadline=None, derandomize=True)

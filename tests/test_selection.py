@@ -1,0 +1,107 @@
+"""Which pixels a fit looks at."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+import trimesh
+
+from fitter.photographs import Photograph
+from fitter.selection import ANGLE_BINS, choose_pixels
+from renderer import gbuffer
+from renderer.camera import Camera, look_at
+from renderer.errors import InputError
+from renderer.mesh import Mesh, Sphere
+from renderer.visibility import sees_itself
+
+
+def photograph(origin=(0.0, 0.0, 4.0), target=(0.0, 0.0, 0.0), size: int = 96, mask=None) -> Photograph:
+    pose = look_at(*(torch.tensor(v, dtype=torch.float64) for v in (origin, target, (0.0, 1.0, 0.0))))
+    radiance = torch.rand(size, size, 3, generator=torch.Generator().manual_seed(0))
+    mask = torch.ones(size, size, dtype=torch.bool) if mask is None else mask
+    return Photograph("view", radiance, mask, Camera(pose, size, size), 1.0, 0, 0)
+
+
+def choose(*photographs: Photograph, shape=Sphere(), count: int = 800, seed: int = 0):  # noqa: B008
+    trace = gbuffer.tracer(shape)
+    return choose_pixels(photographs, trace, Path("scene.toml"), count=count, footprint=2, seed=seed)
+
+
+def bowl() -> Mesh:
+    """The inner side of a half sphere that opens towards +Z."""
+    sphere = trimesh.creation.icosphere(subdivisions=4)
+    faces = sphere.faces[(sphere.vertices[sphere.faces][..., 2] <= 1e-9).all(1)][:, ::-1]
+    return Mesh(np.asarray(sphere.vertices), np.asarray(faces), None, None, np.zeros(len(faces), dtype=np.int64))
+
+
+def test_every_chosen_pixel_is_covered_wholly_and_from_the_front():
+    found = choose(photograph())
+    assert found.surface.hit.shape == (800, 4)
+    assert found.surface.front.all()
+    assert found.radiance.dtype == torch.float64
+
+
+def test_angles_are_spread_evenly():
+    """A sphere seen from afar shows cos θ with density 2 cos θ; chosen in turn, no bin has more than its share + 1."""
+    n_dot_v = choose(photograph(), photograph((4.0, 0.0, 0.0))).surface.n_dot_v.mean(1)
+    counts = torch.histc(n_dot_v.float(), ANGLE_BINS, 0, 1)
+    grazing = counts[n_dot_v.min().mul(ANGLE_BINS).ceil().int() : ANGLE_BINS // 4]
+    uniform_density = (n_dot_v < 0.25).double().mean().item()
+    assert uniform_density > 2 * 0.25**2  # their share of the picture's area, twice over
+    assert grazing.min() > 0
+
+
+def test_the_mask_is_kept_to():
+    mask = torch.zeros(96, 96, dtype=torch.bool)
+    mask[40:50, 40:60] = True
+    seen = photograph(mask=mask)
+    found = choose(seen)
+    allowed = {tuple(value) for value in seen.radiance[mask].double().tolist()}
+    assert {tuple(value) for value in found.radiance.tolist()} <= allowed
+    assert 0 < len(found.radiance) <= mask.sum()
+
+
+def test_the_seed_chooses():
+    first, again, other = (choose(photograph(), seed=seed).radiance for seed in (1, 1, 2))
+    assert torch.equal(first, again)
+    assert not torch.equal(first, other)
+
+
+def test_a_convex_object_does_not_see_itself():
+    assert choose(photograph()).self_seeing == 0
+
+
+def test_a_bowl_sees_itself():
+    """From the axis the mirrored view of a point at depth z < -0.71 leaves the bowl, but its neighbours 30° aside meet
+    the rim; nearly all points see the bowl in some of the seven directions."""
+    trace = gbuffer.tracer(bowl())
+    surface = gbuffer.pixel_centres(trace, photograph().camera)
+    surface = surface[surface.front]
+    assert len(surface.hit) > 500
+    assert sees_itself(trace, surface).double().mean() > 0.5
+    deepest = surface[surface.position[:, 2] < -0.99]
+    assert not sees_itself(trace, deepest).any()  # 30° about the axis is still the open mouth
+
+
+def test_pixels_that_see_the_object_are_left_out():
+    trace = gbuffer.tracer(bowl())
+    found = choose(photograph(), shape=bowl(), count=100)
+    assert found.self_seeing > 0.3
+    centres = found.surface[:, 0]
+    assert sees_itself(trace, centres).double().mean() < 0.1  # a footprint's corner may see what its centre does not
+
+
+@pytest.mark.parametrize(
+    ("view", "words"),
+    [
+        (photograph(target=(0.0, 0.0, 8.0)), "outside the frame"),
+        (photograph(origin=(0.0, 0.0, 0.5), target=(0.0, 0.0, 4.0)), "inside the object"),
+    ],
+)
+def test_cameras_that_see_no_front_are_told(view, words):
+    with pytest.raises(InputError, match=words) as caught:
+        choose(photograph(), view)
+    assert caught.value.field == "photographs[1].camera"
