@@ -3,6 +3,7 @@
 import json
 import sys
 from pathlib import Path
+from typing import Any
 
 
 def report(path: Path) -> str:
@@ -18,7 +19,7 @@ def report(path: Path) -> str:
 
 
 def _numbers(material: dict, key: str) -> list[str]:
-    def each(value: object) -> list:
+    def each(value: Any) -> list:
         return value if isinstance(material[key], list) else [value]
 
     parts = (material[key], material["stderr"][key], material["interval95"][key], material["determined"][key])

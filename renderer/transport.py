@@ -210,9 +210,7 @@ def _frames(surface: GBuffer, ray: Tensor) -> _Frames:
     tangent = torch.where(tangent.norm(dim=-1, keepdim=True) > 1e-9, tangent, fallback)
     tangent = torch.nn.functional.normalize(tangent, dim=-1)
     bitangent = torch.linalg.cross(normal, tangent)
-    axes = tuple(
-        tuple(axis[:, ray, i].float().contiguous() for i in range(3)) for axis in (tangent, bitangent, normal)
-    )
+    axes = tuple(tuple(axis[:, ray, i].float().contiguous() for i in range(3)) for axis in (tangent, bitangent, normal))
     return _Frames(cos_v[:, ray].float().clamp(1e-6, 1), axes)  # type: ignore[arg-type]
 
 
