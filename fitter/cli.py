@@ -177,7 +177,7 @@ def demo(out: Out = Path("demo"), quiet: Quiet = False) -> None:
     options = SynthOptions(**_metal("gold", None, None), alpha=0.15, size=192, spp=256)
     with _progress(quiet) as progress:
         scene = synthesise(options, out / "photographs", progress)
-    code = _fit(scene, out, "standard", "ggx", "lm", 0, "cpu", quiet)
+    code = _fit(scene, out, "standard", "ggx", "lm", 0, "cpu", quiet, begun=time.perf_counter())
     print(f"truth: {out / 'photographs' / 'truth.json'}")
     raise typer.Exit(code)
 
@@ -210,7 +210,17 @@ def _metal(metal: str | None, n: tuple | None, k: tuple | None) -> dict:
     raise InputError("synth", value=" ".join(given) or "without a metal", expected="either --metal NAME or --n and --k")
 
 
-def _fit(scene: Path, out: Path, fidelity: str, lobe: str, solver: str, seed: int, device: str, quiet: bool) -> int:
+def _fit(
+    scene: Path,
+    out: Path,
+    fidelity: str,
+    lobe: str,
+    solver: str,
+    seed: int,
+    device: str,
+    quiet: bool,
+    begun: float = BEGUN,
+) -> int:
     with _progress(quiet) as progress:
         progress("starting", 0)
         from fitter.fidelity import preset
@@ -221,7 +231,7 @@ def _fit(scene: Path, out: Path, fidelity: str, lobe: str, solver: str, seed: in
         command = shlex.join(["fit-material", *sys.argv[1:]])
         chosen = preset(fidelity, lobe)  # type: ignore[arg-type] — a value of LobeName
         options = FitOptions(chosen, solver, seed, device, command)
-        result = fit_scene(scene, out, options, progress, BEGUN)
+        result = fit_scene(scene, out, options, progress, begun)
     _print_result(result, out)
     return DONE if result.status == "converged" else NO_MATERIAL
 

@@ -44,7 +44,7 @@ from renderer.threads import one_thread_per_operation
 
 Progress = Callable[[str, float], None]
 
-SHOWN_SAMPLES = 192  # of the report's pictures: their noise stays below what the eye sees beside the photograph's
+FEWER_SHOWN = 2  # the report's pictures take half the fit's directions: they show noise but decide nothing
 SHOWN_FOOTPRINT = 2
 
 
@@ -229,13 +229,14 @@ def _views(
 ) -> list[ViewPictures]:
     """Each photograph beside the fitted material's picture of the same pixels."""
     views = []
+    shown_samples = fidelity.samples // FEWER_SHOWN
     for photograph in loaded.photographs:
         picture = draw(
             trace,
             photograph.camera,
             photograph.mask,
             min(fidelity.footprint, SHOWN_FOOTPRINT),
-            lambda surface: radiance_of(fit.metal, surface, environment, fidelity, samples=SHOWN_SAMPLES, seed=seed),
+            lambda surface: radiance_of(fit.metal, surface, environment, fidelity, samples=shown_samples, seed=seed),
         )
         seen = photograph.radiance[:: picture.step, :: picture.step]
         exposure = 1.0 if photograph.exposure == "fit" else photograph.exposure
