@@ -44,7 +44,7 @@ class Fidelity:
 
 PRESETS = {
     "viewer": Fidelity("viewer", "lazanyi", "taps", 49, 49, 4000, 1, 24, 9, 6, (1.25, 1.05, 1.005)),
-    "preview": Fidelity("preview", "conductor", "ggx", 64, 32, 1000, 2, 12, 5, 12),
+    "preview": Fidelity("preview", "conductor", "ggx", 256, 64, 1500, 2, 12, 5, 12),
     "standard": Fidelity("standard", "conductor", "ggx", 512, 64, 4000, 4, 12, 5, 12),
     "reference": Fidelity("reference", "conductor", "ggx", 2048, 128, 16000, 8, 14, 7, 16),
 }

@@ -143,7 +143,7 @@ def coarse_start(model: PixelModel, photograph: Float[Tensor, "p 3"], weight: Fl
         F0 = Σ w² m y / Σ w² m²,   m the picture of a perfect mirror of that roughness
 
     Returns:
-        that roughness (kept inside its range), that F0 within [0.05, 0.95], and a k ≈ n: no metal in particular.
+        that roughness, that F0 within [0.05, 0.95], and n = 1, the middle of what F0 admits: no metal in particular.
     """
     mirror = model.light[:, :, 0]  # the first Chebyshev polynomial is 1: light under F = 1
     product, square = (weight**2 * mirror * photograph).sum(1), (weight**2 * mirror**2).sum(1)
@@ -151,7 +151,7 @@ def coarse_start(model: PixelModel, photograph: Float[Tensor, "p 3"], weight: Fl
     error = ((f0[:, None] * mirror - photograph) * weight).abs().mean((1, 2))
     best = int(error.argmin())
     levels = transport.levels(model.table.low, model.table.high, len(error), model.table.scale)
-    n = fresnel.index_limit(f0[best]) ** 0.5
+    n = torch.ones_like(f0[best])
     return Metal(n, fresnel.extinction(f0[best], n), torch.tensor(levels[best], dtype=torch.float64))
 
 

@@ -24,37 +24,45 @@ class Spread:
     """Covariance of a free vector.
 
     Attributes:
-        covariance: float64 [x, x]; infinite variances are represented by very large ones.
-        rank: number of directions that the residuals determine to working precision.
+        covariance: float64 [x, x]; very large where a direction is not determined, never infinite.
     """
 
     covariance: Float[Tensor, "x x"]
-    rank: int
 
 
 def spread(residual: Function, halves: tuple[Function, Function], x: Float[Tensor, " x"]) -> Spread:
     """Covariance at a minimum, from the residuals' own scatter and from the integration's error.
 
-        C = (JᵀJ)⁻¹ |r|²/(m - p) + δδᵀ,   δ = ½ (JᵀJ)⁻¹Jᵀ (r_A - r_B)
+        C = (JᵀJ)⁻¹ |r|²/(m - p) + δδᵀ + ββᵀ
+        δ = ½ (s_A - s_B),   β = ½ (s_A + s_B),   s = -J⁺r
 
-    r_A and r_B are the residuals with either half of the light table's samples: δ is how far the parameters moved
-    if the other half were believed. (JᵀJ)⁻¹ comes from the singular values of J, whose smallest are cut off at
-    working precision, so that an undetermined direction has a huge but finite variance.
+    s_A and s_B are the steps that the parameters would take if only one half of the light table's samples were
+    believed. δ is their chance; β is the bias that noise in the table brings, which least squares takes for exact: a
+    half has twice the noise's variance, so that it is off by twice as much.
+
+    The pseudo-inverse cuts small singular values off at working precision: an undetermined direction has a huge but
+    finite variance.
 
     Args:
         residual: r, of the whole table.
-        halves: r_A and r_B.
+        halves: the same of either half.
         x: the minimum.
     """
-    jacobian = torch.func.jacfwd(residual)(x)
-    r = residual(x)
-    _, singular, directions = torch.linalg.svd(jacobian, full_matrices=False)
-    resolution = singular.max() * max(jacobian.shape) * torch.finfo(singular.dtype).eps
-    inverse = directions.T / singular.clamp_min(resolution.clamp_min(torch.finfo(singular.dtype).tiny))
+    inverse, r = _pseudo_inverse(residual, x)
     variance = (r**2).sum() / max(1, len(r) - len(x))
-    shift = 0.5 * inverse @ (inverse.T @ (jacobian.T @ (halves[0](x) - halves[1](x))))
-    covariance = inverse @ inverse.T * variance + torch.outer(shift, shift)
-    return Spread(covariance, int((singular > resolution).sum()))
+    first, second = (-half_inverse @ half for half_inverse, half in (_pseudo_inverse(each, x) for each in halves))
+    chance, bias = 0.5 * (first - second), 0.5 * (first + second)
+    covariance = inverse @ inverse.T * variance + torch.outer(chance, chance) + torch.outer(bias, bias)
+    return Spread(covariance)
+
+
+def _pseudo_inverse(residual: Function, x: Float[Tensor, " x"]) -> tuple[Float[Tensor, "x r"], Float[Tensor, " r"]]:
+    """J⁺ and r at x; singular values below working precision count as that precision."""
+    jacobian, r = torch.func.jacfwd(residual)(x), residual(x)
+    left, singular, right = torch.linalg.svd(jacobian.nan_to_num(0.0, 0.0, 0.0), full_matrices=False)
+    finfo = torch.finfo(singular.dtype)
+    precision = (singular.max() * max(jacobian.shape) * finfo.eps).clamp_min(finfo.tiny)
+    return right.T / singular.clamp_min(precision) @ left.T, r
 
 
 def standard_errors(quantity: Function, x: Float[Tensor, " x"], spread: Spread) -> Float[Tensor, " q"]:

@@ -164,7 +164,7 @@ def test_band_holds_what_the_covariance_allows(name, form):
     reflectance = getattr(fresnel, form)
     x = COORDINATES.free(metal_of(name))
     covariance = some_covariance(len(x), scale=0.01)
-    curve = reflectance_curve(reflectance, COORDINATES, x, Spread(covariance, len(x)))
+    curve = reflectance_curve(reflectance, COORDINATES, x, Spread(covariance))
     count = 20000
     draws = torch.distributions.MultivariateNormal(x, covariance, validate_args=False)
     torch.manual_seed(0)
@@ -180,7 +180,7 @@ def test_band_holds_what_the_covariance_allows(name, form):
 
 def test_band_stays_a_reflectance_where_nothing_is_determined():
     x = COORDINATES.free(metal_of("Ag"))
-    curve = reflectance_curve(fresnel.conductor, COORDINATES, x, Spread(some_covariance(len(x), 1e3), 0))
+    curve = reflectance_curve(fresnel.conductor, COORDINATES, x, Spread(some_covariance(len(x), 1e3)))
     assert (curve.low >= 0).all()
     assert (curve.high <= 1).all()
     assert (curve.low <= curve.value).all()
@@ -190,7 +190,7 @@ def test_band_stays_a_reflectance_where_nothing_is_determined():
 @pytest.mark.parametrize("name", ["Au", "Al", "Fe"])
 def test_curve_is_the_metals_own(name):
     x = COORDINATES.free(metal_of(name))
-    curve = reflectance_curve(fresnel.conductor, COORDINATES, x, Spread(torch.zeros(len(x), len(x)).double(), len(x)))
+    curve = reflectance_curve(fresnel.conductor, COORDINATES, x, Spread(torch.zeros(len(x), len(x)).double()))
     n, k = (np.array(getattr(metal(name), key)) for key in ("n", "k"))
     np.testing.assert_allclose(curve.value[0], ((n - 1) ** 2 + k**2) / ((n + 1) ** 2 + k**2), rtol=1e-9)
     np.testing.assert_allclose(curve.value[90], 1, atol=1e-9)
