@@ -106,14 +106,12 @@ def fit_scene(
     Raises:
         InputError: about the first thing in the input that is wrong.
     """
-    begun = time.perf_counter() if begun is None else begun
-    solver = SOLVERS[options.solver]
-    fidelity = options.fidelity
-    device = _device(options.device)
+    began = time.perf_counter() if begun is None else begun
+    fidelity, device = options.fidelity, _device(options.device)
+    progress("reading", 0)
+    loaded = load(scene_file)
+    read = time.perf_counter()
     with one_thread_per_operation(), replaced_together(out) as folder:
-        progress("reading", 0)
-        loaded = load(scene_file)
-        loaded_at = time.perf_counter()
         progress("choosing pixels", 0)
         trace = gbuffer.tracer(loaded.shape)
         observed = choose_pixels(
@@ -125,35 +123,44 @@ def fit_scene(
             seed=options.seed,
         )
         environment = replace(loaded.environment, radiance=loaded.environment.radiance.to(device))
+        solver = SOLVERS[options.solver]
         fit = fit_metal(observed, environment, fidelity, solver, seed=options.seed, progress=progress)
-        fitted_at = time.perf_counter()
+        clock = _Clock(began, read, time.perf_counter(), fit.solve_seconds)
         progress("writing the report", 0)
         uncertainty = spread(fit.residuals, fit.halves, fit.x)
         views = _views(loaded, trace, fit, environment, fidelity, options.seed)
         material = _material(loaded, observed, fit, fidelity, uncertainty)
-        result = _result(loaded, observed, fit, material, fidelity, views)
-        residuals = fit.residuals
-        curve = reflectance_curve(residuals.model.reflectance, residuals.coordinates, fit.x, uncertainty)
-
-        def timed() -> Result:
-            now = time.perf_counter()
-            prepare = fitted_at - loaded_at - fit.solve_seconds
-            spent = Time(
-                load=loaded_at - begun,
-                prepare=prepare,
-                solve=fit.solve_seconds,
-                report=now - fitted_at,
-                total=now - begun,
-            )
-            return result.model_copy(update={"time": spent})
-
-        write_text_atomically(folder / "report.html", render_report(timed(), views, [curve], command=options.command))
+        result = _result(loaded, observed, fit, material, fidelity, views, clock)
+        curve = reflectance_curve(fit.residuals.model.reflectance, fit.residuals.coordinates, fit.x, uncertainty)
+        page = render_report(result, views, [curve], command=options.command)
+        write_text_atomically(folder / "report.html", page)
         write_bytes_atomically(folder / "comparison.png", comparison_png(views))
         write_text_atomically(folder / f"{loaded.name}.thesis.mtl", thesis_mtl(result.materials))
         write_text_atomically(folder / f"{loaded.name}.mtl", ordinary_mtl(result.materials))
-        result = timed()
+        result = result.model_copy(update={"time": clock.now()})  # the page cannot know how long it took itself
         write_result(result, folder / "result.json")
     return result
+
+
+@dataclass(frozen=True)
+class _Clock:
+    """When the stages ended, by `time.perf_counter()`, and the seconds of the second that solvers took."""
+
+    began: float
+    read: float
+    fitted: float
+    solving: float
+
+    def now(self) -> Time:
+        """The result's times, up to now."""
+        now = time.perf_counter()
+        return Time(
+            load=self.read - self.began,
+            prepare=self.fitted - self.read - self.solving,
+            solve=self.solving,
+            report=now - self.fitted,
+            total=now - self.began,
+        )
 
 
 def _device(name: str) -> torch.device:
@@ -252,6 +259,7 @@ def _result(
     material: FittedMaterial,
     fidelity: Fidelity,
     views: Sequence[ViewPictures],
+    clock: _Clock,
 ) -> Result:
     exposure = [1.0 if p.exposure == "fit" else p.exposure for p in loaded.photographs]
     return Result(
@@ -269,6 +277,6 @@ def _result(
             dtype="float32",
         ),
         effects=effects_of(fidelity, observed.self_seeing),
-        time=Time(load=0, prepare=0, solve=0, report=0, total=0),
+        time=clock.now(),
         inputs=loaded.inputs,
     )
