@@ -12,9 +12,10 @@ from torch import Tensor
 
 from renderer.camera import Camera
 from renderer.errors import InputError
-from renderer.images import read_image
+from renderer.images import Image, read_image
 from renderer.scene import PhotographSpec, camera_of
 
+BLOCK = 8  # pixels; JPEG spreads what is wrong with one over its block
 COVERED = 1 - 1e-3  # alpha of a fully covered pixel, less the rounding of half floats and of many samples' mean
 
 
@@ -29,7 +30,8 @@ class Photograph:
         mask: pixels to use, [h, w]: masked in, fully covered, finite and not clipped.
         camera: where it was taken from.
         exposure: pixel = exposure · radiance; "fit" leaves it to the fit, and `radiance` holds the pixels.
-        clipped: pixels left out only because a channel has the largest code of an 8- or 16-bit file.
+        clipped: pixels left out because a channel of them or of a neighbour is near the largest code of an integer
+            file.
         nonfinite: pixels left out only because a channel is NaN or infinite.
     """
 
@@ -64,7 +66,7 @@ def read_photograph(spec: PhotographSpec, scene_file: str | Path, index: int = 0
         source = spec.mask or spec.image
         raise InputError(scene_file, field, source.name, "a mask or alpha channel with fully covered pixels")
     finite = radiance.isfinite().all(-1)
-    clipped = torch.zeros_like(inside) if image.white is None else (radiance >= image.white).any(-1)
+    clipped = _clipped(image, radiance)
     usable = inside & finite & ~clipped
     if not usable.any():
         expected = "at least one covered pixel that is finite and not clipped; expose less"
@@ -80,6 +82,16 @@ def read_photograph(spec: PhotographSpec, scene_file: str | Path, index: int = 0
         clipped=int((inside & clipped).sum()),
         nonfinite=int((inside & ~finite).sum()),
     )
+
+
+def _clipped(image: Image, radiance: Float[Tensor, "h w 3"]) -> Bool[Tensor, "h w"]:
+    """Pixels near white and their neighbours: those chosen by their own noise alone would bias the fit."""
+    if image.white is None:
+        return torch.zeros(radiance.shape[:2], dtype=torch.bool)
+    reach = BLOCK if image.lossy else 1
+    white = (radiance >= image.white).any(-1)[None, None].float()
+    # a dilation; kornia's would hold 17 × 17 copies of the picture
+    return torch.nn.functional.max_pool2d(white, 2 * reach + 1, stride=1, padding=reach)[0, 0] > 0
 
 
 def _mask(path: Path, size: torch.Size, scene_file: str | Path, field: str) -> Bool[Tensor, "h w"]:

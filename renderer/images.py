@@ -16,6 +16,9 @@ from renderer.errors import InputError
 ENCODING = re.compile(r"srgb|linear|gamma:(?=.*[1-9])(\d+(?:\.\d+)?)")
 ENCODING_HELP = '"srgb", "linear" or "gamma:" and a positive exponent such as "gamma:2.2"'
 
+WHITE, LOSSY_WHITE = 253.5 / 255, 247.5 / 255  # half a code below 254 and 248 of 255, where clipping is told from
+LOSSY = (".jpg", ".jpeg")
+
 Samples = Num[np.ndarray, "h w *c"]
 
 
@@ -26,12 +29,14 @@ class Image:
     Attributes:
         radiance: linear Rec. 709, float32 [h, w, 3]; negative or non-finite where the file is.
         alpha: coverage in [0, 1], float32 [h, w]; None where the file has no such channel.
-        white: the radiance at which the file clips, None for floating-point files, which do not.
+        white: the radiance from which on a sample may be clipped; None for floating-point files, which do not clip.
+        lossy: the file is compressed by blocks, so that a clipped pixel's neighbours are wrong, too.
     """
 
     radiance: Float[np.ndarray, "h w 3"]
     alpha: Float[np.ndarray, "h w"] | None = None
     white: float | None = None
+    lossy: bool = False
 
 
 def read_image(path: str | Path, encoding: str | None = None) -> Image:
@@ -56,7 +61,9 @@ def read_image(path: str | Path, encoding: str | None = None) -> Image:
     values = values.reshape(*values.shape[:2], -1)
     colour, alpha = _split_alpha(values)
     encoding = encoding or ("srgb" if integer else "linear")
-    return Image(_decode(colour, encoding, path), alpha, 1.0 if integer else None)
+    lossy = path.suffix.lower() in LOSSY
+    white = _white(LOSSY_WHITE if lossy else WHITE, encoding, path) if integer else None
+    return Image(_decode(colour, encoding, path), alpha, white, lossy)
 
 
 def write_exr(path: str | Path, pixels: Float[np.ndarray, "h w c"]) -> None:
@@ -187,6 +194,11 @@ def _decode(colour: Float[np.ndarray, "h w 3"], encoding: str, path: Path) -> Fl
     if match[1]:
         return np.sign(colour) * np.abs(colour) ** np.float32(match[1])
     return colour if encoding == "linear" else _srgb_to_linear(colour)
+
+
+def _white(share: float, encoding: str, path: Path) -> float:
+    """The radiance that a share of the largest code stands for."""
+    return float(_decode(np.full((1, 1, 3), share, np.float32), encoding, path)[0, 0, 0])
 
 
 def _srgb_to_linear(colour: Float[np.ndarray, "h w 3"]) -> Float[np.ndarray, "h w 3"]:

@@ -150,7 +150,8 @@ def test_eight_bit_modes_as_pillow_sees_them(tmp_path, mode, suffix):
     expected = srgb_to_linear(np.asarray(picture.convert("RGB")) / 255)
     np.testing.assert_allclose(image.radiance, expected, atol=1e-6)
     assert (image.alpha is not None) == ("A" in mode)
-    assert image.white == 1
+    assert image.white == pytest.approx(srgb_to_linear(np.array(253.5 / 255)), abs=1e-6)
+    assert not image.lossy
 
 
 def test_alpha_is_not_decoded_by_the_curve(tmp_path):
@@ -165,7 +166,10 @@ def test_alpha_is_not_decoded_by_the_curve(tmp_path):
 def test_jpeg_as_pillow_sees_it(tmp_path, mode):
     PillowImage.fromarray(codes((16, 16, 3), 8)).convert(mode).save(tmp_path / "a.jpg")
     expected = np.asarray(PillowImage.open(tmp_path / "a.jpg").convert("RGB")) / 255
-    np.testing.assert_array_equal(np.rint(read_image(tmp_path / "a.jpg", "linear").radiance * 255), expected * 255)
+    image = read_image(tmp_path / "a.jpg", "linear")
+    np.testing.assert_array_equal(np.rint(image.radiance * 255), expected * 255)
+    assert image.lossy
+    assert image.white == pytest.approx(247.5 / 255)
 
 
 def test_float_tiff_is_linear_and_planes_become_channels(tmp_path):

@@ -18,11 +18,11 @@ HEIGHT, WIDTH = 6, 8
 
 @pytest.fixture
 def spec(tmp_path):
-    """Writes pixels [h, w, c], 8-bit codes as PNG and others as EXR, and a mask, as a photograph's table."""
+    """Writes pixels [h, w, c], 8-bit codes as PNG or JPEG and others as EXR, and a mask, as a photograph's table."""
 
-    def write(pixels, mask=None, **options):
+    def write(pixels, mask=None, ending=".png", **options):
         pixels = np.asarray(pixels)
-        path = tmp_path / ("view.png" if pixels.dtype == np.uint8 else "view.exr")
+        path = tmp_path / (f"view{ending}" if pixels.dtype == np.uint8 else "view.exr")
         if pixels.dtype == np.uint8:
             PillowImage.fromarray(pixels).save(path)
         else:
@@ -88,13 +88,25 @@ def test_broken_pixels_are_left_out_and_counted_inside_the_mask(spec):
     assert photograph.radiance.isfinite().all()
 
 
-def test_clipped_pixels_of_integer_files_are_left_out_and_counted(spec):
-    pixels = np.full((HEIGHT, WIDTH, 3), 254, np.uint8)
-    pixels[1, 1, 2] = 255
-    photograph = read_photograph(spec(pixels), "scene.toml")
-    assert photograph.clipped == 1
-    assert not photograph.mask[1, 1]
-    assert int(photograph.mask.sum()) == HEIGHT * WIDTH - 1
+@pytest.mark.parametrize("encoding", ["srgb", "linear", "gamma:2.2"])
+def test_clipped_pixels_of_integer_files_are_left_out_with_their_neighbours(spec, encoding):
+    pixels = np.full((HEIGHT, WIDTH, 3), 253, np.uint8)
+    pixels[2, 3, 2] = 254
+    photograph = read_photograph(spec(pixels, encoding=encoding), "scene.toml")
+    expected = torch.ones(HEIGHT, WIDTH, dtype=torch.bool)
+    expected[1:4, 2:5] = False
+    assert torch.equal(photograph.mask, expected)
+    assert photograph.clipped == 9
+
+
+def test_a_clipped_pixel_of_a_jpeg_takes_its_block_along(spec):
+    pixels = np.full((48, 64, 3), 120, np.uint8)
+    pixels[16:24, 24:32] = 255
+    photograph = read_photograph(spec(pixels, ending=".jpg"), "scene.toml")
+    expected = torch.ones(48, 64, dtype=torch.bool)
+    expected[8:32, 16:40] = False
+    assert torch.equal(photograph.mask, expected)
+    assert photograph.clipped == 24 * 24
 
 
 def test_floats_above_one_are_not_clipped(spec):
