@@ -15,6 +15,7 @@ from renderer.errors import InputError
 from renderer.images import Image, read_image
 from renderer.scene import PhotographSpec, camera_of
 
+FAINTEST, BRIGHTEST = 1e-20, 1e20  # beyond these, squares leave float32
 BLOCK = 8  # pixels; JPEG spreads what is wrong with one over its block
 COVERED = 1 - 1e-3  # alpha of a fully covered pixel, less the rounding of half floats and of many samples' mean
 
@@ -52,7 +53,8 @@ def read_photograph(spec: PhotographSpec, scene_file: str | Path, index: int = 0
         scene_file, index: where that table stands, for the error's sentence.
 
     Raises:
-        InputError: a file is missing or unreadable, the mask's size is not the image's, or no pixel is left.
+        InputError: a file is missing or unreadable, the mask's size is not the image's, or no pixel is left, or no
+            light in those that are.
     """
     image = read_image(spec.image, spec.encoding)
     radiance = torch.from_numpy(image.radiance)
@@ -68,11 +70,11 @@ def read_photograph(spec: PhotographSpec, scene_file: str | Path, index: int = 0
     finite = radiance.isfinite().all(-1)
     clipped = _clipped(image, radiance)
     usable = inside & finite & ~clipped
-    if not usable.any():
-        expected = "at least one covered pixel that is finite and not clipped; expose less"
-        raise InputError(scene_file, f"{field}.image", spec.image.name, expected)
-    height, width = inside.shape
     factor = 1.0 if spec.exposure == "fit" else spec.exposure
+    wrong = _unusable(radiance / factor, inside & finite, usable)
+    if wrong is not None:
+        raise InputError(scene_file, f"{field}.image", f"{spec.image.name}{wrong[0]}", wrong[1])
+    height, width = inside.shape
     return Photograph(
         name=spec.image.stem,
         radiance=torch.where(finite[..., None], radiance, 0.0) / factor,
@@ -82,6 +84,23 @@ def read_photograph(spec: PhotographSpec, scene_file: str | Path, index: int = 0
         clipped=int((inside & clipped).sum()),
         nonfinite=int((inside & ~finite).sum()),
     )
+
+
+def _unusable(
+    radiance: Float[Tensor, "h w 3"], finite: Bool[Tensor, "h w"], usable: Bool[Tensor, "h w"]
+) -> tuple[str, str] | None:
+    """What a photograph without anything to fit is, behind its name, and what was expected; None for a good one."""
+    if not finite.any():
+        return ", NaN or infinite throughout", "numbers inside the mask; export the image or set the mask anew"
+    if not usable.any():
+        return ", clipped throughout", "at least one covered pixel that is finite and not clipped; expose less"
+    brightest = float(radiance[usable].max())
+    if brightest <= 0:
+        return ", black inside the mask", "light on the object: values above 0; check mask and image"
+    if not FAINTEST <= brightest <= BRIGHTEST:
+        expected = f"light on the object of {FAINTEST:g} to {BRIGHTEST:g}; check the image and its exposure"
+        return f" with a radiance of {brightest:.3g} at the brightest", expected
+    return None
 
 
 def _clipped(image: Image, radiance: Float[Tensor, "h w 3"]) -> Bool[Tensor, "h w"]:

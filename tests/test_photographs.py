@@ -137,9 +137,29 @@ def test_empty_alpha(spec):
 def test_nothing_but_clipped_pixels(spec):
     white = np.full((HEIGHT, WIDTH, 3), 255, np.uint8)
     with pytest.raises(
-        InputError, match=r"photographs\[0\]\.image: is view\.png, expected at least one .* not clipped"
+        InputError,
+        match=r"photographs\[0\]\.image: is view\.png, clipped throughout, expected at least one .* not clipped",
     ):
         read_photograph(spec(white), "scene.toml")
+
+
+@pytest.mark.parametrize(
+    ("value", "sentence"),
+    [
+        (0, "black inside the mask, expected light on the object"),
+        (-1, "black inside the mask, expected light on the object"),
+        (1e-25, "with a radiance of 1e-25 at the brightest, expected light on the object of 1e-20 to 1e.20"),
+        (1e25, "with a radiance of 1e.25 at the brightest, expected light on the object of 1e-20 to 1e.20"),
+        (math.nan, "NaN or infinite throughout, expected numbers inside the mask; export"),
+    ],
+)
+def test_photographs_without_light_to_fit(spec, value, sentence):
+    pixels = ones()
+    pixels[1:5, 1:7] = value  # what shines outside of the mask is no light on the object
+    white = np.zeros((HEIGHT, WIDTH), bool)
+    white[1:5, 1:7] = True
+    with pytest.raises(InputError, match=rf"photographs\[1\]\.image: is view\.exr,? {sentence}"):
+        read_photograph(spec(pixels, white), "scene.toml", 1)
 
 
 def test_unreadable_image(spec):
