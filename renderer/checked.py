@@ -61,13 +61,33 @@ def check(model: type[Model], data: Any, file: Path) -> Model:
 
 
 def _existing(path: Path, info: ValidationInfo) -> Path:
-    found = (info.context or {}).get("folder", Path()) / path.expanduser()
-    if not found.exists():
+    try:
+        found = (info.context or {}).get("folder", Path()) / path.expanduser()
+        there = found.exists()
+    except (RuntimeError, OSError, ValueError):  # nobody's home, a name too long, a zero byte
+        raise unexpected("a file or folder that exists", value=shortened(str(path))) from None
+    if not there:
         raise unexpected("a file or folder that exists", value=found)
     return found
 
 
+def existing_file(path: Any, folder: Path) -> Path | None:
+    """The file of that name in `folder`, as `ExistingFile` finds it; None for whatever that would refuse."""
+    try:
+        found = folder / Path(path).expanduser()
+        return found if found.is_file() else None
+    except (TypeError, RuntimeError, OSError, ValueError):
+        return None
+
+
+def _file(path: Path) -> Path:
+    if path.is_dir():
+        raise unexpected("a file, not a folder", value=path)
+    return path
+
+
 ExistingPath = Annotated[Path, Strict(False), AfterValidator(_existing)]
+ExistingFile = Annotated[ExistingPath, AfterValidator(_file)]
 Vector = Annotated[tuple[float, float, float], Strict(False)]
 
 
@@ -106,8 +126,17 @@ def _field(location: Sequence[int | str]) -> str:
 
 def _quoted(value: Any) -> str:
     """A value as the user wrote it, or its beginning."""
-    text = f'"{value}"' if isinstance(value, str) else str(value)
-    return text if len(text) <= 200 else f"{text[:199]}…"
+    try:
+        text = f'"{value}"' if isinstance(value, str) else str(value)
+    except ValueError:  # Python writes no int of more than 4300 digits
+        text = "a number of thousands of digits"
+    return shortened(text, 200)
+
+
+def shortened(text: str, length: int = 80) -> str:
+    """The text without what cannot be printed, or its beginning."""
+    printable = text if text.isprintable() else ascii(text)[1:-1]
+    return printable if len(printable) <= length else f"{printable[: length - 1]}…"
 
 
 def _rigid(rows: tuple[Row, Row, Row, Row]) -> tuple[Row, Row, Row, Row]:

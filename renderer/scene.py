@@ -21,17 +21,25 @@ from pydantic import (
 from torch import Tensor
 
 from renderer.camera import Camera, look_at
-from renderer.checked import Checked, ExistingPath, RigidMotion, Vector, check, unexpected
+from renderer.checked import Checked, ExistingFile, ExistingPath, RigidMotion, Vector, check, existing_file, unexpected
 from renderer.errors import InputError
 from renderer.images import ENCODING, ENCODING_HELP
 from renderer.mesh import Shape, Sphere, read_mesh
 from renderer.transforms import read_transforms
 
+SMALLEST, LARGEST = 1e-12, 1e12  # of factors on radiances, which are of the order of 1 and float32
+
+
+def _factor(value: float) -> float:
+    if not SMALLEST <= value <= LARGEST:
+        raise unexpected(f"a number from {SMALLEST:g} to {LARGEST:g}")
+    return value
+
 
 class GeometrySpec(Checked):
     """`[geometry]`: either a mesh file or a shape known by formula."""
 
-    mesh: ExistingPath | None = None
+    mesh: ExistingFile | None = None
     shape: Literal["sphere"] | None = None
     smooth: bool = True
 
@@ -46,8 +54,8 @@ class EnvironmentSpec(Checked):
     """`[environment]`: map file or folder of six faces, degrees about +Y, and a factor on the radiance."""
 
     map: ExistingPath
-    rotation: float = 0.0
-    scale: PositiveFloat = 1.0
+    rotation: Annotated[float, Field(ge=-1e6, le=1e6)] = 0.0
+    scale: Annotated[float, AfterValidator(_factor)] = 1.0
 
 
 def _nonzero(direction: tuple[float, float, float]) -> tuple[float, float, float]:
@@ -71,7 +79,7 @@ class CameraSpec(Checked):
     target: Vector | None = None
     up: Vector = (0.0, 1.0, 0.0)
     matrix: RigidMotion | None = None
-    fov: Annotated[float, Field(gt=0, lt=180)] = 35.0
+    fov: Annotated[float, Field(ge=0.01, le=179)] = 35.0
     projection: Literal["perspective", "orthographic"] = "perspective"
     scale: PositiveFloat = 1.0
 
@@ -106,16 +114,16 @@ def _known_encoding(encoding: str) -> str:
 
 def _exposure(value: Any) -> float | Literal["fit"]:
     number = isinstance(value, int | float) and not isinstance(value, bool)
-    if value == "fit" or (number and 0 < value < float("inf")):
+    if value == "fit" or (number and SMALLEST <= value <= LARGEST):
         return value
-    raise unexpected('a number > 0, or "fit"')
+    raise unexpected(f'a number from {SMALLEST:g} to {LARGEST:g}, or "fit"')
 
 
 class PhotographSpec(Checked):
     """`[[photographs]]`: an image with its camera, and how its pixels became numbers."""
 
-    image: ExistingPath
-    mask: ExistingPath | None = None
+    image: ExistingFile
+    mask: ExistingFile | None = None
     encoding: Annotated[str, AfterValidator(_known_encoding)] | None = None
     exposure: Annotated[float | Literal["fit"], PlainValidator(_exposure)] = 1.0
     camera: CameraSpec
@@ -131,7 +139,7 @@ class MaterialSpec(Checked):
 class Scene(Checked):
     """A whole scene file. Every path is joined to the file's folder, and every photograph has its camera."""
 
-    cameras: ExistingPath | None = None
+    cameras: ExistingFile | None = None
     geometry: GeometrySpec
     environment: EnvironmentSpec
     lights: Annotated[tuple[LightSpec, ...], Strict(False)] = ()
@@ -148,8 +156,9 @@ def read_scene(path: str | Path) -> Scene:
     path = Path(path)
     data = _load_toml(path)
     cameras = data.get("cameras")
-    if isinstance(cameras, str) and (path.parent / cameras).is_file():
-        data = {**data, "photographs": _with_cameras(path, data.get("photographs"), path.parent / cameras)}
+    found = existing_file(cameras, path.parent)
+    if found is not None:
+        data = {**data, "photographs": _with_cameras(path, data.get("photographs"), found)}
     return check(Scene, data, path)
 
 
@@ -169,12 +178,14 @@ def read_shape(spec: GeometrySpec) -> Shape:
 
 def _load_toml(path: Path) -> dict[str, Any]:
     try:
-        return tomllib.loads(path.read_text("utf-8"))
+        return tomllib.loads(path.read_text("utf-8-sig"))  # Windows begins UTF-8 with a mark
     except tomllib.TOMLDecodeError as error:
         told = re.fullmatch(r"(?P<reason>.*) \(at (?P<place>.*)\)", str(error), re.DOTALL)
         reason, place = told.group("reason", "place") if told else (str(error), "")
         raise InputError(path, place, expected=f"TOML ({reason})") from None
-    except (OSError, UnicodeDecodeError) as error:
+    except RecursionError:
+        raise InputError(path, expected="TOML without hundreds of tables inside each other") from None
+    except (OSError, ValueError) as error:
         reason = "there is none" if isinstance(error, FileNotFoundError) else error
         raise InputError(path, expected=f"a readable scene file here ({reason})") from None
 

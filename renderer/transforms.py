@@ -9,7 +9,7 @@ from typing import Annotated, Any
 
 from pydantic import ConfigDict, Field, PositiveFloat, Strict
 
-from renderer.checked import Checked, RigidMotion, check
+from renderer.checked import Checked, RigidMotion, check, existing_file, shortened
 from renderer.errors import InputError
 from renderer.images import FORMATS
 
@@ -68,10 +68,12 @@ def read_transforms(path: Path, images: bool) -> list[dict[str, Any]]:
 
 def _load_json(path: Path) -> Any:
     try:
-        return json.loads(path.read_text("utf-8"))
+        return json.loads(path.read_text("utf-8-sig"))
     except json.JSONDecodeError as error:
         raise InputError(path, f"line {error.lineno}, column {error.colno}", expected=f"JSON ({error.msg})") from None
-    except (OSError, UnicodeDecodeError) as error:
+    except RecursionError:
+        raise InputError(path, expected="JSON without hundreds of lists inside each other") from None
+    except (OSError, ValueError) as error:
         raise InputError(path, expected=f"a readable JSON file ({error})") from None
 
 
@@ -98,7 +100,8 @@ def _check_pinhole(path: Path, index: int, lens: _Lens) -> None:
 
 def _image(path: Path, index: int, file_path: str) -> str:
     image = path.parent.absolute() / file_path
-    for candidate in (image, *(image.with_name(image.name + ending) for ending in FORMATS)):
-        if candidate.is_file():
+    for candidate in (image, *(image.parent / f"{image.name}{ending}" for ending in FORMATS)):
+        if existing_file(candidate, path.parent) is not None:
             return str(candidate)
-    raise InputError(path, f"frames[{index}].file_path", file_path, f"an image {image}, with or without its ending")
+    expected = f"an image {shortened(str(image))}, with or without its ending"
+    raise InputError(path, f"frames[{index}].file_path", shortened(file_path), expected)

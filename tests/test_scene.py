@@ -116,14 +116,27 @@ SLIPS = {
     ("smooth = true", 'smooth = "yes"'): r'geometry\.smooth: is "yes", expected true or false',
     ("rotation = 0.0", 'rotation = "90"'): r'environment\.rotation: is "90", expected a number',
     ("rotation = 0.0", "rotation = nan"): r"environment\.rotation: is nan, expected a finite number",
-    ("rotation = 0.0\nscale = 1.0", "scale = 0"): r"environment\.scale: is 0, expected greater than 0",
-    ("fov = 35.0", "fov = 180"): r"photographs\[0\]\.camera\.fov: is 180, expected less than 180",
-    ("fov = 35.0", "fov = 0"): r"photographs\[0\]\.camera\.fov: is 0, expected greater than 0",
-    ("exposure = 1.0", "exposure = -1"): r'photographs\[0\]\.exposure: is -1, expected a number > 0, or "fit"',
-    ("exposure = 1.0", "exposure = true"): r'photographs\[0\]\.exposure: is True, expected a number > 0, or "fit"',
-    ("exposure = 1.0", 'exposure = "auto"'): r'exposure: is "auto", expected a number > 0, or "fit"',
+    ("rotation = 0.0", "rotation = 1e7"): r"environment\.rotation: is 1.*, expected less than or equal to 1000000",
+    ("rotation = 0.0\nscale = 1.0", "scale = 0"): r"environment\.scale: is 0, expected a number from 1e-12 to 1e.12",
+    ("fov = 35.0", "fov = 180"): r"photographs\[0\]\.camera\.fov: is 180, expected less than or equal to 179",
+    ("fov = 35.0", "fov = 0"): r"photographs\[0\]\.camera\.fov: is 0, expected greater than or equal to 0.01",
+    (
+        "exposure = 1.0",
+        "exposure = -1",
+    ): r'photographs\[0\]\.exposure: is -1, expected a number from 1e-12 to .*, or "fit"',
+    ("exposure = 1.0", "exposure = true"): r'photographs\[0\]\.exposure: is True, expected a number from .*, or "fit"',
+    ("exposure = 1.0", 'exposure = "auto"'): r'exposure: is "auto", expected a number from .*, or "fit"',
     ('"srgb"', '"gamma:-1"'): r'photographs\[0\]\.encoding: is "gamma:-1", expected "srgb", "linear" or "gamma:"',
     ('"view_0.exr"', '"none.exr"'): r"photographs\[0\]\.image: is .*none\.exr.*, expected a file or folder that exists",
+    ('"view_0.exr"', '""'): r"photographs\[0\]\.image: is .*, expected a file, not a folder$",
+    ('"view_0_mask.png"', '"../"'): r"photographs\[0\]\.mask: is .*, expected a file, not a folder$",
+    ('"view_0.exr"', '"~nosuchuser/x"'): r"image: is \"?~nosuchuser/x\"?, expected a file or folder that exists",
+    ('"view_0.exr"', f'"{"x" * 5000}"'): r"image: is \"?x{79}…\"?, expected a file or folder that exists",
+    ('"view_0.exr"', r'"a\u0000b"'): r"image: is .*a\\x00b\"?, expected a file or folder that exists",
+    ("scale = 1.0", f"scale = {9 * 10**400}"): r"environment\.scale: is 90*…, expected",
+    ("exposure = 1.0", f"exposure = {10**400}"): r"photographs\[0\]\.exposure: is 10*…, expected a number from",
+    ("[0, 0, 4]", f"[0, 0, {10**400}]"): r"camera\.origin\[2\]: is 10*…, expected a",
+    ("fov = 35.0", f"fov = 1{chr(48) * 5000}"): "expected a readable scene file",
     ('"view_0.exr"', "3"): r"photographs\[0\]\.image: is 3, expected a path",
     ('"studio.hdr"', '"none.hdr"'): r"environment\.map: is .*none\.hdr.*, expected a file or folder that exists",
     ('mesh = "ball.obj"', ""): 'geometry: expected either mesh = "FILE" or shape = "sphere"',
@@ -157,6 +170,33 @@ def test_slips(write, slip, sentence):
     path = write(WHOLE.replace(before, after, 1))
     with pytest.raises(InputError, match=rf"scene\.toml: .*{sentence}"):
         read_scene(path)
+
+
+def test_the_mark_that_notepad_begins_with(write):
+    path = write(WHOLE)
+    path.write_bytes(b"\xef\xbb\xbf" + path.read_bytes())
+    assert len(read_scene(path).photographs) == 1
+
+
+def test_absurdly_nested_files(write, tmp_path):
+    with pytest.raises(InputError, match=r"scene\.toml: .*expected TOML without hundreds"):
+        read_scene(write(f"a = {'[' * 20000}{']' * 20000}"))
+    path = write(WITH_CAMERAS, {})
+    (tmp_path / "transforms.json").write_text("[" * 200000)
+    with pytest.raises(InputError, match=r"transforms\.json: .*expected JSON without hundreds"):
+        read_scene(path)
+
+
+@pytest.mark.parametrize("name", ["~nosuchuser/x", "x" * 5000, r"a\u0000b", ""])
+def test_camera_files_of_impossible_names(write, name):
+    with pytest.raises(InputError, match=r"scene\.toml: cameras: is .*, expected a file"):
+        read_scene(write(f'cameras = "{name}"\n' + HEAD))
+
+
+@pytest.mark.parametrize("name", ["~nosuchuser/x", "x" * 5000, "a\0b", ""])
+def test_frames_of_impossible_names(write, name):
+    with pytest.raises(InputError, match=r"frames\[0\]\.file_path:.* expected an image"):
+        read_scene(write(WITH_CAMERAS, {"camera_angle_x": 1.0, "frames": [{**FRAME, "file_path": name}]}))
 
 
 def test_no_photographs(write):
