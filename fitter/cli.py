@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import enum
+import io
 import os
 import shlex
 import sys
@@ -54,16 +55,32 @@ class LobeName(enum.StrEnum):
     beckmann = "beckmann"
 
 
-Out = Annotated[Path, typer.Option("-o", "--out", help="Folder for the results; made if it is not there.")]
+def _folder(text: str | Path) -> Path:
+    if not str(text):
+        raise InputError("-o", value='""', expected="a folder that can be written; . is this one")
+    return Path(text)
+
+
+Out = Annotated[
+    Path,
+    typer.Option(
+        "-o", "--out", metavar="PATH", parser=_folder, help="Folder for the results; made if it is not there."
+    ),
+]
 Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Show no progress.")]
-Seed = Annotated[int, typer.Option(help="Of everything random; the same seed gives the same files.", min=0)]
+Seed = Annotated[
+    int, typer.Option(help="Of everything random; the same seed gives the same files.", min=0, max=2**31 - 1)
+]
 Triple = Annotated[tuple[float, float, float] | None, typer.Option(metavar="R G B")]
 
 
 def main() -> None:
     """Run the command line; the user's mistakes end in one sentence and exit code 2, never in a traceback."""
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):  # a locale may have no ± or σ
+            stream.reconfigure(errors="backslashreplace")
     try:
-        code = app(sys.argv[1:] or ["--help"], prog_name="fit-material", standalone_mode=False)
+        code = _run(sys.argv[1:] or ["--help"])
         if code == INTERRUPTED:  # typer's own word for Ctrl-C inside of a command
             raise KeyboardInterrupt
         sys.exit(code or DONE)
@@ -78,6 +95,37 @@ def main() -> None:
             raise
         reason = " ".join(str(error).split()) or type(error).__name__
         _fail(f"internal error, please report it: {reason} (FIT_MATERIAL_DEBUG=1 shows where)", NO_MATERIAL)
+
+
+def _run(arguments: list[str]) -> int:
+    """The command's exit code, whether or not somebody reads what it prints."""
+    try:
+        code = app(arguments, prog_name="fit-material", standalone_mode=False)
+    except SystemExit:  # typer's own, where nobody reads the help
+        code = DONE
+    _flush()
+    return code
+
+
+def _say(*words: object) -> None:
+    """Print to standard output, if anybody reads it: `| head` may have closed it."""
+    with _unread():
+        print(*words, flush=True)
+
+
+def _flush() -> None:
+    with _unread():
+        sys.stdout.flush()
+
+
+@contextmanager
+def _unread() -> Iterator[None]:
+    try:
+        yield
+    except BrokenPipeError:
+        nowhere = os.open(os.devnull, os.O_WRONLY)
+        os.dup2(nowhere, sys.stdout.fileno())  # or Python would fail once more at its end
+        os.close(nowhere)
 
 
 def _usage(error: TyperException) -> str:
@@ -166,7 +214,7 @@ def synth(
     )
     with _progress(quiet) as progress:
         scene = synthesise(options, out, progress)
-    print(scene)
+    _say(scene)
 
 
 @app.command()
@@ -174,11 +222,11 @@ def demo(out: Out = Path("demo"), quiet: Quiet = False) -> None:
     """Photograph a gold ball with Mitsuba and fit it; needs no input."""
     from renderer.synth import SynthOptions, synthesise
 
-    options = SynthOptions(**_metal("gold", None, None), alpha=0.15, size=192, spp=256)
+    options = SynthOptions(**_metal("gold", None, None), alpha=0.15, size=128, spp=512)
     with _progress(quiet) as progress:
         scene = synthesise(options, out / "photographs", progress)
     code = _fit(scene, out, "standard", "ggx", "lm", 0, "cpu", quiet, begun=time.perf_counter())
-    print(f"truth: {out / 'photographs' / 'truth.json'}")
+    _say(f"truth: {out / 'photographs' / 'truth.json'}")
     raise typer.Exit(code)
 
 
@@ -193,8 +241,15 @@ def export(
     from fitter.result import read_result
 
     formats = [name.strip() for name in to.split(",")]
-    for path in write(read_result(result), formats, out, result.resolve().parent.name or "material"):
-        print(path)
+    for path in write(read_result(result), formats, out, _stem(result)):
+        _say(path)
+
+
+def _stem(result: Path) -> str:
+    """What `fit` called the material's files beside the result, or the folder's name."""
+    folder, ending = result.resolve().parent, ".thesis.mtl"
+    names = [path.name.removesuffix(ending) for path in folder.glob(f"?*{ending}")]
+    return names[0] if len(names) == 1 else folder.name or "material"
 
 
 def _metal(metal: str | None, n: tuple | None, k: tuple | None) -> dict:
@@ -238,17 +293,17 @@ def _fit(
 
 def _print_result(result, out: Path) -> None:
     for material in result.materials:
-        print(f"{material.name}: {material.type}, most like {material.nearest[0].name}")
+        _say(f"{material.name}: {material.type}, most like {material.nearest[0].name}")
         for key in ("n", "k", "f0", "alpha", "roughness"):
             values, errors = getattr(material, key), getattr(material.stderr, key)
             pairs = zip(values, errors, strict=True) if isinstance(values, tuple) else [(values, errors)]
-            print(f"  {key:10}", "   ".join(_with_error(value, error) for value, error in pairs))
-    print(result.message)
-    print(f"report: {out / 'report.html'}")
+            _say(f"  {key:10}", "   ".join(_with_error(value, error) for value, error in pairs))
+    _say(result.message)
+    _say(f"report: {out / 'report.html'}")
 
 
 def _with_error(value: float, error: float | None) -> str:
-    return f"{value:.4f} ± {error:.4f}" if error is not None else f"{value:.4f} (not determined)"
+    return f"{value:.4g} ± {error:.4g}" if error is not None else f"{value:.4g} (not determined)"
 
 
 @contextmanager

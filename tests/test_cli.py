@@ -20,6 +20,7 @@ import pytest
 import tinyobjloader
 import trimesh
 from PIL import Image
+from test_result import result
 
 from fitter import cli
 from fitter.catalogue import metal
@@ -185,8 +186,48 @@ def test_export_writes_the_same_material_files(done, tmp_path):
     assert (ended.returncode, ended.stderr) == (0, "")
     written = {Path(line) for line in ended.stdout.splitlines()}
     assert written == set(tmp_path.iterdir())
+    assert {path.name for path in written} == {"sphere.mtl", "sphere.thesis.mtl"}
     originals = {(done[1] / name).read_bytes() for name in ("sphere.mtl", "sphere.thesis.mtl")}
     assert {path.read_bytes() for path in written} == originals
+
+
+def test_numbers_are_printed_with_four_digits():
+    assert cli._with_error(0.000123456, 1.23456e-7) == "0.0001235 ± 1.235e-07"
+    assert cli._with_error(12345.6, None) == "1.235e+04 (not determined)"
+
+
+@pytest.mark.parametrize(
+    ("names", "stem"),
+    [([], "folder"), (["a.b.thesis.mtl", "a.b.mtl"], "a.b"), (["a.thesis.mtl", "b.thesis.mtl"], "folder")],
+)
+def test_exported_files_are_called_as_the_fit_called_them(tmp_path, names, stem):
+    (tmp_path / "folder").mkdir()
+    for name in names:
+        (tmp_path / "folder" / name).touch()
+    assert cli._stem(tmp_path / "folder" / "result.json") == stem
+
+
+def test_locales_without_our_letters():
+    environment = {**ENVIRONMENT, "LC_ALL": "C", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0"}
+    for arguments, code in ((["fit", "--help"], 0), (["synth", "--metal", "±", "-o", "x"], 2)):
+        ended = subprocess.run([*COMMAND, *arguments], capture_output=True, check=False, env=environment)
+        assert ended.returncode == code
+        assert b"internal error" not in ended.stderr
+        assert (ended.stdout + ended.stderr).isascii()
+
+
+@pytest.mark.parametrize("exported", [False, True])
+def test_output_that_nobody_reads(exported, tmp_path):
+    (tmp_path / "result.json").write_text(result().model_dump_json())
+    arguments = ["export", tmp_path / "result.json", "-o", tmp_path / "out"] if exported else ["fit", "--help"]
+    read, write = os.pipe()
+    os.close(read)
+    ended = subprocess.run(
+        [*COMMAND, *map(str, arguments)], stdout=write, stderr=subprocess.PIPE, check=False, env=ENVIRONMENT
+    )
+    os.close(write)
+    assert (ended.returncode, ended.stderr) == (0, b"")
+    assert (tmp_path / "out").exists() == exported
 
 
 def test_undetermined_is_exit_code_one(tmp_path):
@@ -282,6 +323,8 @@ def test_ctrl_c_at_the_start_is_as_quiet(photographs, tmp_path):
         (["fit", "a.toml", "-o", "x", "--nope"], "no such option: --nope"),
         (["fit", "a.toml", "-o", "x", "--fidelity", "best"], "'best' is not one of 'viewer', 'preview'"),
         (["fit", "a.toml", "-o", "x", "--seed", "-1"], "invalid value for '--seed'"),
+        (["fit", "a.toml", "-o", "x", "--seed", str(2**31)], "invalid value for '--seed'"),
+        (["fit", "a.toml", "-o", ""], '-o: is "", expected a folder that can be written'),
         (["fit", "a.toml", "-o", "x", "--type", "glossy"], "--type: is glossy, expected auto or metal"),
         (["fit", "a.toml", "-o", "x", "--type", "matte"], "--type: is matte, expected auto or metal"),
         (["synth", "-o", "x"], "synth: is without a metal, expected either --metal NAME or --n and --k"),
