@@ -241,7 +241,11 @@ def export(
     from fitter.result import read_result
 
     formats = [name.strip() for name in to.split(",")]
-    for path in write(read_result(result), formats, out, _stem(result)):
+    try:
+        read = read_result(result)
+    except RecursionError:
+        raise InputError(result, expected="JSON without hundreds of lists inside each other") from None
+    for path in write(read, formats, out, _stem(result), result):
         _say(path)
 
 

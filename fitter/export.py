@@ -7,8 +7,8 @@ from difflib import get_close_matches
 from pathlib import Path
 from types import MappingProxyType
 
-from fitter.mtl import ordinary_mtl, thesis_mtl
-from fitter.result import FittedMaterial, Result
+from fitter.mtl import FLOAT32_MAX, ordinary_mtl, thesis_mtl
+from fitter.result import FittedMaterial, PerParameter, Result
 from renderer.atomic import replaced_together, write_text_atomically
 from renderer.errors import InputError
 
@@ -20,28 +20,53 @@ FORMATS: Mapping[str, tuple[str, Writer]] = MappingProxyType(
 """Each format's name on the command line: what its files end with, and what writes their text."""
 
 
-def export(result: Result, formats: Sequence[str], directory: str | Path, stem: str) -> tuple[Path, ...]:
+def export(
+    result: Result, formats: Sequence[str], directory: str | Path, stem: str, source: str | Path = "result.json"
+) -> tuple[Path, ...]:
     """Write the materials of `result` in each of `formats`: all files or, if one cannot be made, none.
 
     Args:
         formats: keys of `FORMATS`, at least one.
         directory: where the files go; made if it is not there.
         stem: what the files are called before their ending: the scene's name.
+        source: where the result was read, for the error's sentence.
 
     Returns:
         The files, in the order of `formats`.
 
     Raises:
-        InputError: an unknown format, a stem that is no file name, or a folder that cannot be written.
-        ValueError: a material lacks a number that its MTL needs (`fitter.mtl`).
+        InputError: an unknown format, a stem that is no file name, a folder that cannot be written, or a material
+            without a number that its MTL needs (`fitter.mtl`).
     """
     known = [_known(name) for name in formats]
     if Path(stem).name != stem:
         raise InputError("export", value=repr(stem), expected="a name for files, without folders in it")
     with replaced_together(directory) as folder:
         for ending, writer in known:
-            write_text_atomically(folder / f"{stem}{ending}", writer(result.materials))
+            write_text_atomically(folder / f"{stem}{ending}", _written(writer, result.materials, source))
     return tuple(Path(directory) / f"{stem}{ending}" for ending, _ in known)
+
+
+def _written(writer: Writer, materials: Sequence[FittedMaterial], source: str | Path) -> str:
+    """The writer's text; where it has none, the sentence about the first material at fault."""
+    for index, material in enumerate(materials):
+        try:
+            writer([material])
+        except (ValueError, ArithmeticError) as error:
+            value = f"{material.type} {material.name!r}"
+            expected = f"numbers that an MTL can hold ({error})"
+            raise InputError(source, f"materials[{index}]{_beyond(material)}", value, expected) from error
+    return writer(materials)
+
+
+def _beyond(material: FittedMaterial) -> str:
+    """The first parameter that float32 cannot hold, as the end of a field; "" if there is none."""
+    for name in PerParameter.model_fields:
+        value = getattr(material, name)
+        numbers = value if isinstance(value, tuple) else (value,)
+        if any(number is not None and not abs(number) <= FLOAT32_MAX for number in numbers):
+            return f".{name}"
+    return ""
 
 
 def _known(name: str) -> tuple[str, Writer]:

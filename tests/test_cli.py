@@ -340,6 +340,11 @@ def test_slips_in_the_arguments(refused, arguments, sentence, tmp_path, monkeypa
     assert not list(tmp_path.iterdir())
 
 
+def test_export_of_absurdly_nested_json(refused, tmp_path):
+    (tmp_path / "deep.json").write_text("[" * 200000)
+    assert "deep.json: expected JSON without" in refused("export", tmp_path / "deep.json", "-o", tmp_path / "out")
+
+
 def test_export_to_an_unknown_format(refused, done, tmp_path):
     assert "usdz" in refused("export", done[1] / "result.json", "--to", "usdz", "-o", tmp_path)
 

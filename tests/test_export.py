@@ -26,8 +26,15 @@ def test_stem_is_one_name(tmp_path):
 
 def test_all_files_or_none(tmp_path):
     no_roughness = result(materials=(gold(roughness=None),))
-    with pytest.raises(ValueError, match="no roughness"):
+    with pytest.raises(InputError, match=r"^result\.json: materials\[0\]: is metal 'ball', .*no roughness"):
         export(no_roughness, ["mtl", "thesis"], tmp_path, "scene")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_numbers_beyond_float32_are_named(tmp_path):
+    huge = result(materials=(gold(), gold(n=(1e300, 1.0, 1.0))))
+    with pytest.raises(InputError, match=r"^a\.json: materials\[1\]\.n: is metal .*1e\+300 cannot stand in an MTL"):
+        export(huge, ["mtl", "thesis"], tmp_path, "scene", "a.json")
     assert list(tmp_path.iterdir()) == []
 
 
