@@ -12,7 +12,8 @@ from torch.nn.functional import softplus
 
 from shaders import fresnel
 
-_REACH = 30.0  # 1 - F0 = 1e-13: float64 holds two more digits
+_REACH = 30.0  # 1 - tanh² = 1e-25: float64 holds two more digits
+_MOST_REFLECTIVE = 9.2  # F0 = 0.9999, which no metal exceeds; n and k stay below 1e5 where a fit runs into it
 
 
 @dataclass(frozen=True)
@@ -84,7 +85,7 @@ class MetalCoordinates:
         k² = (m - n)(n - 1/m) is written with n = m^t as n² (m^(1-t) - 1)(1 - m^-(1+t)), 1 ± t = 2 sigmoid(±2x₃…₅):
         so k and its derivative keep their digits where n comes to its limits. `_REACH` ends what can be told apart.
         """
-        reflectivity = x[:3].clamp(-_REACH, _REACH)
+        reflectivity = x[:3].clamp(-_REACH, _MOST_REFLECTIVE)
         tint = (x[3:6] if self.tint is None else self.tint.to(x)).clamp(-_REACH, _REACH)
         log_limit = 2 * torch.log1p(torch.sigmoid(reflectivity).sqrt()) + softplus(reflectivity)
         n = (log_limit * torch.tanh(tint)).exp()

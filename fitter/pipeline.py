@@ -44,7 +44,7 @@ from renderer.threads import one_thread_per_operation
 
 Progress = Callable[[str, float], None]
 
-FEWER_SHOWN = 2  # the report's pictures take half the fit's directions: they show noise but decide nothing
+FEWER_SHOWN = 2  # half the fit's directions make the report's pictures; their noise is in `quality`
 SHOWN_FOOTPRINT = 2
 
 
@@ -191,9 +191,11 @@ def load(scene_file: Path) -> Loaded:
     photographs = tuple(read_photograph(spec, scene_file, i) for i, spec in enumerate(scene.photographs))
     light = scene.environment
     environment = read_environment(light.map, rotation=light.rotation, scale=light.scale)
-    material = scene.materials[0].name if scene.materials else name
+    given = scene.materials[0].name if scene.materials else name
+    if isinstance(shape, Mesh) and given != name:
+        raise InputError(scene_file, "materials[0].name", given, f"the name of the mesh's material, {name}")
     stem = scene.geometry.mesh.stem if scene.geometry.mesh else str(scene.geometry.shape)
-    return Loaded(scene, photographs, shape, environment, stem, material, _inputs(scene, scene_file))
+    return Loaded(scene, photographs, shape, environment, stem, given, _inputs(scene, scene_file))
 
 
 def _require_supported(scene: Scene, scene_file: Path) -> None:
@@ -231,6 +233,23 @@ def _material(
     return fitted_material(loaded.material, fit, uncertainty, rho, nearest)
 
 
+def _remarks(loaded: Loaded, fidelity: Fidelity) -> list[str]:
+    """What of the input was left out or replaced, and what the model cannot follow, a sentence each."""
+    clipped, nonfinite = (sum(getattr(p, key) for p in loaded.photographs) for key in ("clipped", "nonfinite"))
+    counts = [
+        (loaded.environment.repaired, "texels of the environment were negative or not finite and were replaced"),
+        (clipped, "clipped pixels of the photographs were left out"),
+        (nonfinite, "pixels of the photographs were not finite and were left out"),
+    ]
+    remarks = [f"{count} {sentence}." for count, sentence in counts if count]
+    if fidelity.lobe == "taps":
+        remarks.append(
+            "The viewer's blur follows no real lobe closely: F0 and roughness make up for the difference, which their"
+            " errors do not count."
+        )
+    return remarks
+
+
 def _views(
     loaded: Loaded, trace: Tracer, fit: Fit, environment: Environment, fidelity: Fidelity, seed: int
 ) -> list[ViewPictures]:
@@ -264,7 +283,7 @@ def _result(
     exposure = [1.0 if p.exposure == "fit" else p.exposure for p in loaded.photographs]
     return Result(
         status=status_of(fit, material),
-        message=describe(fit, material, loaded.environment.repaired),
+        message=describe(fit, material, _remarks(loaded, fidelity)),
         materials=(material,),
         quality=quality.assess(views),
         exposure=tuple(exposure),

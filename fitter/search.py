@@ -24,9 +24,8 @@ from shaders import fresnel
 
 Progress = Callable[[str, float], None]
 
-SEARCH_THRESHOLD = 0.1  # in units of the radiance: differences beyond 10 % are taken for outliers while searching
-ROBUST_AT = 3.0  # scatters; the share of normal errors beyond is 0.3 %, so that clean data lose nothing
-EXACT = 1e-9  # least threshold, where photographs are noiseless and the scatter is nothing but rounding
+SEARCH_SCATTER = 0.03  # of the relative difference, while nothing is known of it yet
+EXACT = 1e-9  # least scatter, where photographs are noiseless and there is nothing but rounding
 MORE_ROUNDS = 3  # where the roughness runs into an end of the last span
 VIEWER_FACE_SIZE = 256  # texels along a cubemap face: the resolution of a 1k map
 
@@ -104,22 +103,23 @@ def _search_round(table: LightTable, observed: Observations, fidelity: Fidelity)
     start = coarse_start(model, observed.radiance, weight)
     coordinates = _coordinates(table, fidelity, start)
     start = _inside(start, coordinates.roughness)
-    return Residuals(model, coordinates, observed.radiance, weight, SEARCH_THRESHOLD), start
+    return Residuals(model, coordinates, observed.radiance, weight, SEARCH_SCATTER), start
 
 
 def _refined_round(table: LightTable, observed: Observations, before: Residuals, metal: Metal) -> Residuals:
-    """The next problem, its weights and its threshold taken from the metal found so far.
+    """The next problem, its weights and its scatter taken from the metal found so far.
 
     Weights come from that metal's picture and not from the photographs: dividing by a noisy value would favour its
-    low outcomes and darken the metal by the noise's variance.
+    low outcomes and darken the metal by the noise's variance. Only where the lobe is the viewer's, which follows no
+    photograph closely, do they stay with the photographs: a picture far off would weigh its own mistakes.
     """
     model = PixelModel.of(table, before.model.reflectance)
     picture = model.radiance(metal)
-    weight = relative_weight(picture)
-    threshold = ROBUST_AT * scatter((picture - observed.radiance) * weight)
+    weight = before.weight if table.scale == "linear" else relative_weight(picture)
+    scattered = scatter((picture - observed.radiance) * weight)
     roughness = replace(before.coordinates.roughness, low=table.low, high=table.high)
     coordinates = replace(before.coordinates, roughness=roughness)
-    return Residuals(model, coordinates, observed.radiance, weight, max(threshold, EXACT))
+    return Residuals(model, coordinates, observed.radiance, weight, max(scattered, EXACT))
 
 
 def _of_half(residuals: Residuals, which: int) -> Residuals:

@@ -20,6 +20,7 @@ Residual = Callable[[Tensor], Tensor]
 Status = Literal["converged", "stopped"]
 
 PRECISE, ROUGH = 1e-6, 1e-3  # tolerances: of a result, and of a start for a better problem
+UNSEEN = 0.1  # half a squared distance to the minimum, in standard errors of the parameters: 0.3 of one
 ZERO_RESIDUAL = 1e-9  # share of the first cost that counts as none where a perfect fit exists
 RANK_CUT = 1e-12  # singular values below this share of the largest are rounding
 STILL = 5  # steps in a row below the tolerance end Adam
@@ -147,7 +148,8 @@ def _solution(residual: Residual, start: Tensor, x: Tensor, steps: int, begun: f
         x, cost = start, first
     # Steps are no witness: a wall of NaN or a falling rate shrinks them to nothing before the minimum, and along a
     # valley that the residuals hardly determine they stay long when nothing is left to gain.
-    worthwhile = max(tolerance * cost, ZERO_RESIDUAL * first)
+    by_chance = UNSEEN * cost / max(1, len(residual(x)) - len(x))
+    worthwhile = max(tolerance * cost, by_chance, ZERO_RESIDUAL * first)
     converged = _removable(residual, x) <= worthwhile
     return Solution(x, cost, "converged" if converged else "stopped", steps, time.perf_counter() - begun)
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 
-import torch
 from torch import Tensor
 
 from fitter.result import (
@@ -17,13 +17,11 @@ from fitter.result import (
     Status,
 )
 from fitter.search import Fit
-from fitter.uncertainty import Spread, interval95, is_determined, standard_errors
-from fitter.viewer_roughness import ViewerRoughness
+from fitter.uncertainty import TWO_SIDED_95, Spread, intervals95, is_determined, standard_errors
+from fitter.viewer_roughness import RHO_PER_ALPHA, ViewerRoughness
 
 CHANNELS = ("red", "green", "blue")
-DOMAIN = {"n": (0.0, math.inf), "k": (0.0, math.inf), "f0": (0.0, 1.0), "alpha": (0.0, math.inf)}
-DOMAIN["roughness"] = DOMAIN["alpha"]
-RHO_PER_ALPHA = 2 * math.sqrt(2)  # of a narrow Beckmann lobe; a first guess for other lobes [MODEL.md 6]
+NO_METAL_BEYOND = 0.995  # silver, the most reflective, has F0 = 0.988
 
 
 def fitted_material(
@@ -39,23 +37,21 @@ def fitted_material(
             leaves alpha to the first guess ρ/(2√2).
         nearest: known metals, nearest first.
     """
-    metal = fit.metal
-    values: dict[str, list[float]] = {"n": metal.n.tolist(), "k": metal.k.tolist(), "f0": metal.f0.tolist()}
-    errors: dict[str, list[float | None]] = {key: _errors(fit, spread, key) for key in values}
-    roughness, error = float(metal.roughness), _errors(fit, spread, "roughness")
+    found = {key: _measured(fit, spread, key) for key in ("n", "k", "f0", "roughness")}
     if rho is None:
-        values |= {"roughness": [roughness], "alpha": [roughness / RHO_PER_ALPHA]}
-        errors |= {"roughness": error, "alpha": [None], "n": [None] * 3, "k": [None] * 3}
+        guess = float(fit.metal.roughness) / RHO_PER_ALPHA
+        found |= {key: [_unmeasured(each.value) for each in found[key]] for key in ("n", "k")}
+        found["alpha"] = [_unmeasured(guess)]
     else:
-        values |= {"alpha": [roughness], "roughness": [rho.rho]}
-        errors |= {"alpha": error, "roughness": [rho.stderr if math.isfinite(rho.stderr) else None]}
+        found["alpha"], found["roughness"] = found["roughness"], [_of_viewer(rho)]
+    trusted = fit.solution.status == "converged"
     return FittedMaterial(
         name=name,
         type="metal",
-        **_shaped(values),
-        stderr=StandardErrors(**_shaped(errors)),
-        interval95=Intervals(**_shaped(_each(values, errors, _interval))),
-        determined=Determined(**_shaped(_each(values, errors, _verdict))),
+        **_each(found, lambda key, each: each.value),
+        stderr=StandardErrors(**_each(found, lambda key, each: each.stderr)),
+        interval95=Intervals(**_each(found, lambda key, each: each.interval)),
+        determined=Determined(**_each(found, lambda key, each: trusted and each.is_determined(key))),
         nearest=tuple(nearest),
     )
 
@@ -65,12 +61,18 @@ def status_of(fit: Fit, material: FittedMaterial) -> Status:
     if fit.solution.status == "stopped":
         return "stopped"
     verdicts = material.determined
-    essential = [*(verdicts.f0 or ()), verdicts.alpha if verdicts.alpha is not None else verdicts.roughness]
+    in_viewers_model = material.stderr.alpha is None
+    essential = [*(verdicts.f0 or ()), verdicts.roughness if in_viewers_model else verdicts.alpha]
     return "converged" if all(essential) else "not_determined"
 
 
-def describe(fit: Fit, material: FittedMaterial, repaired: int) -> str:
-    """One sentence or a few, for a person: how the fit ended, and what the photographs do not tell."""
+def describe(fit: Fit, material: FittedMaterial, remarks: Sequence[str]) -> str:
+    """A few sentences for a person: how the fit ended, what the photographs do not tell, and what else to know.
+
+    Args:
+        fit, material: what was found.
+        remarks: sentences about the input.
+    """
     steps = f"in {fit.solution.steps} steps"
     ending = f"converged {steps}" if fit.solution.status == "converged" else f"stopped {steps} without converging"
     sentences = [f"The fit {ending}."]
@@ -79,12 +81,28 @@ def describe(fit: Fit, material: FittedMaterial, repaired: int) -> str:
         unknown.append(f"alpha ({_range(material.interval95.alpha)})")
     if unknown:
         sentences.append(f"The photographs do not determine {'; '.join(unknown)}.")
-    if repaired:
-        sentences.append(f"{repaired} texels of the environment were negative or not finite and were replaced.")
-    return " ".join(sentences)
+    shining = [channel for channel, f0 in zip(CHANNELS, material.f0 or (), strict=True) if f0 > NO_METAL_BEYOND]
+    if shining:
+        sentences.append(
+            f"F0 of {' and '.join(shining)} runs into 1: the object seems to send more light than it receives, so that"
+            " exposure or scale of the environment is wrong, or the environment itself."
+        )
+    return " ".join([*sentences, *remarks])
 
 
-def _errors(fit: Fit, spread: Spread, key: str) -> list[float | None]:
+@dataclass(frozen=True)
+class _Measured:
+    """A number with its standard error and 95 % interval, None where it has none."""
+
+    value: float
+    stderr: float | None
+    interval: tuple[float, float] | None
+
+    def is_determined(self, parameter: str) -> bool:
+        return self.interval is not None and is_determined(parameter, self.value, self.interval)
+
+
+def _measured(fit: Fit, spread: Spread, key: str) -> list[_Measured]:
     coordinates = fit.residuals.coordinates
     quantity: dict[str, Callable[[Tensor], Tensor]] = {
         "n": lambda x: coordinates.metal(x).n,
@@ -92,34 +110,30 @@ def _errors(fit: Fit, spread: Spread, key: str) -> list[float | None]:
         "f0": lambda x: coordinates.metal(x).f0,
         "roughness": lambda x: coordinates.metal(x).roughness[None],
     }
-    found = standard_errors(quantity[key], fit.x, spread)
-    return [float(error) if torch.isfinite(error) else None for error in found]
+    errors = standard_errors(quantity[key], fit.x, spread)
+    lows, highs = intervals95(quantity[key], fit.x, spread)
+    rows = zip(quantity[key](fit.x).tolist(), errors.tolist(), lows.tolist(), highs.tolist(), strict=True)
+    return [
+        _Measured(value, error, (low, high)) if all(map(math.isfinite, (error, low, high))) else _unmeasured(value)
+        for value, error, low, high in rows
+    ]
 
 
-def _each(
-    values: dict[str, list[float]],
-    errors: dict[str, list[float | None]],
-    judge: Callable[[str, float, float | None], object],
-) -> dict[str, list]:
-    return {
-        key: [judge(key, value, error) for value, error in zip(values[key], errors[key], strict=True)] for key in values
-    }
+def _unmeasured(value: float) -> _Measured:
+    return _Measured(value, None, None)
 
 
-def _interval(key: str, value: float, error: float | None) -> tuple[float, float] | None:
-    if error is None:
-        return None
-    low, high = interval95(value, error, *DOMAIN[key])
-    return low, min(high, 1e12)  # JSON has no infinity; no index of refraction comes near
+def _of_viewer(rho: ViewerRoughness) -> _Measured:
+    if not math.isfinite(rho.stderr):
+        return _unmeasured(rho.rho)
+    half = TWO_SIDED_95 * rho.stderr
+    return _Measured(rho.rho, rho.stderr, (max(0.0, rho.rho - half), rho.rho + half))
 
 
-def _verdict(key: str, value: float, error: float | None) -> bool:
-    return error is not None and is_determined(key, value, error)
-
-
-def _shaped(parameters: dict[str, list]) -> dict:
-    """Lists of one become the thing itself: alpha and roughness have no channels."""
-    return {key: each if len(each) == 3 else each[0] for key, each in parameters.items()}
+def _each(found: dict[str, list[_Measured]], part: Callable[[str, _Measured], object]) -> dict:
+    """One part of every number by parameter; alpha and roughness have no channels."""
+    parts = {key: [part(key, each) for each in measured] for key, measured in found.items()}
+    return {key: each if len(each) == 3 else each[0] for key, each in parts.items()}
 
 
 def _channels(material: FittedMaterial, key: str) -> list[int]:

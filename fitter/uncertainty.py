@@ -13,6 +13,8 @@ Function = Callable[[Tensor], Tensor]
 
 TWO_SIDED_95 = 1.959964  # Φ⁻¹(0.975)
 
+NOTHING = 1e-100  # the precision where nothing moves the residuals at all; its inverse can still be squared
+
 # A number counts as determined while the half width of its 95 % interval stays below this share of the value, or
 # below this absolute width: beyond it the interval no longer tells one metal from its neighbours.
 DETERMINED_RELATIVE = {"n": 0.25, "k": 0.25, "f0": 0.05, "alpha": 0.25, "roughness": 0.25}
@@ -61,7 +63,7 @@ def _pseudo_inverse(residual: Function, x: Float[Tensor, " x"]) -> tuple[Float[T
     jacobian, r = torch.func.jacfwd(residual)(x), residual(x)
     left, singular, right = torch.linalg.svd(jacobian.nan_to_num(0.0, 0.0, 0.0), full_matrices=False)
     finfo = torch.finfo(singular.dtype)
-    precision = (singular.max() * max(jacobian.shape) * finfo.eps).clamp_min(finfo.tiny)
+    precision = (singular.max() * max(jacobian.shape) * finfo.eps).clamp_min(NOTHING)
     return right.T / singular.clamp_min(precision) @ left.T, r
 
 
@@ -71,13 +73,25 @@ def standard_errors(quantity: Function, x: Float[Tensor, " x"], spread: Spread) 
     return (gradient @ spread.covariance * gradient).sum(-1).clamp_min(0).sqrt()
 
 
-def interval95(value: float, stderr: float, low: float, high: float) -> tuple[float, float]:
-    """The 95 % interval, cut off at the ends of the quantity's domain."""
-    half = TWO_SIDED_95 * stderr
-    return max(low, value - half), min(high, value + half)
+def intervals95(
+    quantity: Function, x: Float[Tensor, " x"], spread: Spread
+) -> tuple[Float[Tensor, " q"], Float[Tensor, " q"]]:
+    """Ends of the 95 % interval of each of `quantity(x)`.
+
+    The quantity is followed to where it is extreme on the ellipsoid of the free vector, x ± 1.96 C g / √(gᵀC g)
+    with g its gradient: unlike value ± 1.96 errors, such an interval is as lopsided as the quantity itself and never
+    leaves its domain.
+    """
+    gradient = torch.func.jacfwd(quantity)(x)
+    reach = gradient @ spread.covariance
+    error = (reach * gradient).sum(-1).clamp_min(torch.finfo(x.dtype).tiny).sqrt()
+    way = TWO_SIDED_95 * reach / error[:, None]
+    along = [torch.stack([quantity(x + sign * step)[i] for i, step in enumerate(way)]) for sign in (-1, 1)]
+    ends = torch.stack([quantity(x), *along])
+    return ends.amin(0), ends.amax(0)
 
 
-def is_determined(parameter: str, value: float, stderr: float) -> bool:
+def is_determined(parameter: str, value: float, interval: tuple[float, float]) -> bool:
     """Whether the 95 % interval is narrow enough to mean something; see `DETERMINED_RELATIVE`."""
     widest = max(DETERMINED_RELATIVE[parameter] * abs(value), DETERMINED_ABSOLUTE[parameter])
-    return TWO_SIDED_95 * stderr <= widest
+    return interval[1] - interval[0] <= 2 * widest

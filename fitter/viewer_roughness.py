@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,14 +19,16 @@ from renderer import cubemap, transport
 from renderer.environment import Environment
 from shaders import fresnel
 
-PIXELS = 1000  # one number is asked for: its error from so few is far below the two models' difference
-COARSE_STEPS = 21
-SLOPE_STEP = 0.01
+PIXELS = 2000
+PARTS = 8
+WITHIN = 4.0  # factor around the first guess, both ways
+COARSE_STEPS = 33
+RHO_PER_ALPHA = 2 * math.sqrt(2)  # of a narrow Beckmann lobe; a first guess for other lobes [MODEL.md 6]
 
 
 @dataclass(frozen=True)
 class ViewerRoughness:
-    """ρ and its standard error, from the curvature of the sum of squares and the residuals' scatter."""
+    """ρ and its standard error, from how far it differs between parts of the pixels."""
 
     rho: float
     stderr: float
@@ -54,17 +57,14 @@ def viewer_roughness(observed: Observations, environment: Environment, metal: Me
         blurred = transport.blur(faces, reflected, torch.tensor(rho)) * reflectance
         return tone_mapped(blurred.numpy(), white) - tone_mapped(seen, white)
 
-    def cost(rho: float) -> float:
-        return float((residual(rho) ** 2).sum())
-
-    # The blur of a real map has several minima in ρ; a coarse look finds the valley, Brent's method its bottom.
-    low, high = 0.0, BLUR_RANGE[1]
-    coarse = np.linspace(low, high, COARSE_STEPS)
-    best = int(np.argmin([cost(rho) for rho in coarse]))
+    # The blur of a real map has several minima in ρ. A coarse look around the first guess 2√2·alpha finds the valley.
+    guess = float(metal.roughness) * RHO_PER_ALPHA
+    coarse = np.geomspace(guess / WITHIN, min(guess * WITHIN, BLUR_RANGE[1]), COARSE_STEPS)
+    costs = np.stack([(residual(rho) ** 2).sum(1) for rho in coarse])
+    best = int(costs.sum(1).argmin())
     bounds = coarse[max(best - 1, 0)], coarse[min(best + 1, COARSE_STEPS - 1)]
-    found = minimize_scalar(cost, bounds=bounds, method="bounded", options={"xatol": 1e-4})
-    rho = float(found.x)  # type: ignore[attr-defined] — which scipy's annotations leave out
-    before, after = max(rho - SLOPE_STEP, low), min(rho + SLOPE_STEP, high)
-    slope = (residual(after) - residual(before)) / (after - before)
-    information, variance = float((slope**2).sum()), cost(rho) / max(1, slope.size - 1)
-    return ViewerRoughness(rho, (variance / information) ** 0.5 if information > 0 else float("inf"))
+    found = minimize_scalar(lambda rho: (residual(rho) ** 2).sum(), bounds=bounds, method="bounded").x  # type: ignore
+    # The two models differ far more than their noise: how far ρ depends on the pixels asked is its honest error.
+    of_parts = [coarse[costs[:, part::PARTS].sum(1).argmin()] for part in range(PARTS)]
+    step = float(bounds[1] - bounds[0]) / 2
+    return ViewerRoughness(float(found), max(float(np.std(of_parts, ddof=1)) / PARTS**0.5, step / 12**0.5 / PARTS))

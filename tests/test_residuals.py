@@ -9,7 +9,16 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from fitter.parameters import Interval, MetalCoordinates
-from fitter.residuals import REFLECTANCES, PixelModel, Residuals, pseudo_huber, relative_weight, scatter
+from fitter.residuals import (
+    REFLECTANCES,
+    ROBUST_AT,
+    TINT_WIDTH,
+    PixelModel,
+    Residuals,
+    pseudo_huber,
+    relative_weight,
+    scatter,
+)
 from renderer.transport import LightTable
 from shaders import fresnel
 
@@ -79,7 +88,9 @@ def test_the_residual_vector_is_what_it_says(name):
     metal = coordinates.metal(x)
     generator = torch.Generator().manual_seed(4)
     photograph, weight = (torch.rand(5, 3, dtype=torch.float64, generator=generator) + 0.5 for _ in range(2))
-    residuals = Residuals(PixelModel.of(table, REFLECTANCES[name]), coordinates, photograph, weight, 2.0)
+    threshold = 2.0
+    model = PixelModel.of(table, REFLECTANCES[name])
+    residuals = Residuals(model, coordinates, photograph, weight, threshold / ROBUST_AT)
 
     node = -np.cos(np.pi * np.arange(4) / 3)
     log_alpha = 2 * math.log(metal.roughness.item() / 0.1) / math.log(8) - 1
@@ -92,7 +103,9 @@ def test_the_residual_vector_is_what_it_says(name):
     difference = (image - photograph.numpy()) * weight.numpy()
     np.testing.assert_allclose(residuals.weighted(x), difference, atol=1e-12)
     robust = np.sign(difference) * np.sqrt(2 * 4 * (np.sqrt(1 + (difference / 2) ** 2) - 1))
-    np.testing.assert_allclose(residuals(x).reshape(5, 3), robust, atol=1e-7)  # √ of a cancellation near 0
+    np.testing.assert_allclose(residuals(x)[:-3].reshape(5, 3), robust, atol=1e-7)  # √ of a cancellation near 0
+    prior = x[3:6].numpy() / TINT_WIDTH * threshold / ROBUST_AT
+    np.testing.assert_allclose(residuals(x)[-3:], prior, rtol=1e-12)
 
 
 def test_a_model_that_meets_the_photograph_leaves_nothing():
@@ -100,8 +113,8 @@ def test_a_model_that_meets_the_photograph_leaves_nothing():
     model, x = PixelModel.of(table, REFLECTANCES["conductor"]), float64([1.0, 0.3, 2.0, -0.5, 0.1, -1.0, 0.4])
     photograph = model.radiance(coordinates.metal(x))
     residuals = Residuals(model, coordinates, photograph, relative_weight(photograph), 3.0)
-    assert residuals(x).abs().max() == 0
-    assert residuals(x + 0.1).abs().max() > 1e-3
+    assert residuals(x)[:-3].abs().max() == 0
+    assert residuals(x + 0.1)[:-3].abs().max() > 1e-3
 
 
 @pytest.mark.parametrize("name", REFLECTANCES)

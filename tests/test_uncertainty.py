@@ -7,7 +7,7 @@ import math
 import pytest
 import torch
 
-from fitter.uncertainty import Spread, interval95, is_determined, spread, standard_errors
+from fitter.uncertainty import Spread, intervals95, is_determined, spread, standard_errors
 
 GENERATOR = torch.Generator().manual_seed(7)
 X = torch.linspace(-1, 1, 200, dtype=torch.float64)
@@ -90,14 +90,29 @@ def test_errors_of_a_function_follow_its_slope():
     assert error.item() == pytest.approx(2 * math.exp(0.6) * 0.01, rel=1e-12)
 
 
-def test_intervals_stay_inside_the_domain():
-    assert interval95(0.99, 0.01, 0.0, 1.0) == pytest.approx((0.99 - 0.0196, 1.0), abs=1e-5)
-    assert interval95(0.01, 1.0, 0.0, math.inf)[0] == 0.0
+def test_intervals_of_a_straight_line_are_symmetric():
+    """Of 3x₀ - x₁ with variances 0.01, 0.04: ± 1.96 √(9·0.01 + 0.04)."""
+    found = Spread(torch.diag(torch.tensor([0.01, 0.04], dtype=torch.float64)))
+    low, high = intervals95(lambda x: (3 * x[0] - x[1])[None], torch.tensor([1.0, 2.0], dtype=torch.float64), found)
+    half = 1.959964 * math.sqrt(0.13)
+    assert (low.item(), high.item()) == pytest.approx((1 - half, 1 + half), rel=1e-12)
+
+
+def test_intervals_follow_a_curved_quantity_and_stay_in_its_domain():
+    """Of exp(x) at 0 ± 2: exp(±3.92), which value ± 1.96·2 would put below zero."""
+    found = Spread(torch.tensor([[4.0]], dtype=torch.float64))
+    low, high = intervals95(torch.exp, torch.zeros(1, dtype=torch.float64), found)
+    assert (low.item(), high.item()) == pytest.approx((math.exp(-3.919928), math.exp(3.919928)), rel=1e-9)
 
 
 @pytest.mark.parametrize(
-    ("parameter", "value", "stderr", "determined"),
-    [("n", 2.0, 0.1, True), ("n", 2.0, 0.5, False), ("k", 0.0, 0.01, True), ("f0", 0.9, 0.2, False)],
+    ("parameter", "value", "interval", "determined"),
+    [
+        ("n", 2.0, (1.8, 2.2), True),
+        ("n", 2.0, (1.0, 3.1), False),
+        ("k", 0.0, (0.0, 0.05), True),
+        ("f0", 0.9, (0.6, 1.0), False),
+    ],
 )
-def test_verdicts(parameter, value, stderr, determined):
-    assert is_determined(parameter, value, stderr) is determined
+def test_verdicts(parameter, value, interval, determined):
+    assert is_determined(parameter, value, interval) is determined
