@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import os
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, redirect_stderr, redirect_stdout
 from dataclasses import dataclass
+from io import StringIO
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float, Num
@@ -106,9 +110,7 @@ def _read_samples(path: Path) -> Samples:
 
 def _read_exr(path: Path) -> Samples:
     """R, G, B or Y, and A where there is one, by name: their order in the file is alphabetical."""
-    import OpenEXR
-
-    with OpenEXR.File(str(path), separate_channels=True) as file:  # header and pixels die with the file
+    with _open_exr(path) as file:  # header and pixels die with the file
         header = file.header()
         if any(np.any(a != b) for a, b in zip(header["dataWindow"], header["displayWindow"], strict=True)):
             raise InputError(path, "dataWindow", "unlike displayWindow", "the whole picture, neither cropped nor more")
@@ -117,6 +119,36 @@ def _read_exr(path: Path) -> Samples:
     if colour is None or {"RY", "BY"} & channels.keys():
         raise InputError(path, "channels", " ".join(channels), "R G B or Y, with or without A")
     return np.stack([channels[name] for name in (*colour, *({"A"} & channels.keys()))], -1)
+
+
+def _open_exr(path: Path) -> Any:
+    """The file with its pixels read."""
+    import OpenEXR
+
+    with _silent():
+        try:
+            file = OpenEXR.File(str(path), separate_channels=True)
+            file.header()  # fails where the file has no part that is whole
+            return file
+        except Exception as error:  # of whatever type its C++ chose
+            raise InputError(path, expected="a readable EXR image; it is cut off, or no EXR") from error
+
+
+@contextmanager
+def _silent() -> Iterator[None]:
+    """Nothing reaches standard output and error, where OpenEXR writes through Python and its core past it."""
+    kept = [(stream, os.dup(stream)) for stream in (1, 2)]
+    nowhere = os.open(os.devnull, os.O_WRONLY)
+    try:
+        for stream, _ in kept:
+            os.dup2(nowhere, stream)
+        with redirect_stdout(StringIO()), redirect_stderr(StringIO()):
+            yield
+    finally:
+        for stream, copy in kept:
+            os.dup2(copy, stream)
+            os.close(copy)
+        os.close(nowhere)
 
 
 def _read_bitmap(path: Path) -> Samples:

@@ -189,6 +189,16 @@ def test_broken_files_are_one_sentence(tmp_path, suffix, capfd):
     assert capfd.readouterr() == ("", "")
 
 
+@pytest.mark.parametrize("share", [0.02, 0.5, 0.95])
+def test_truncated_exr_is_one_sentence(tmp_path, share, capfd):
+    path = tmp_path / "a.exr"
+    write_exr(path, np.random.default_rng(6).random((64, 64, 3)).astype(np.float32))
+    path.write_bytes(path.read_bytes()[: int(share * path.stat().st_size)])
+    with pytest.raises(InputError, match=r"a\.exr: expected a readable EXR image; it is cut off, or no EXR"):
+        read_image(path)
+    assert capfd.readouterr() == ("", "")
+
+
 def test_truncated_jpeg_is_refused(tmp_path):
     PillowImage.fromarray(codes((64, 64, 3), 8)).save(tmp_path / "a.jpg")
     data = (tmp_path / "a.jpg").read_bytes()
