@@ -8,7 +8,7 @@ from typing import Any
 
 def report(path: Path) -> str:
     """A line per number: value ± error where the photographs determine it, else the interval it lies in."""
-    result = json.loads(path.read_text())
+    result = json.loads(path.read_text(encoding="utf-8"))
     lines = [f"{result['status']}: {result['message']}"]
     for material in result["materials"]:
         nearest = material["nearest"][0]
@@ -20,13 +20,19 @@ def report(path: Path) -> str:
 
 def _numbers(material: dict, key: str) -> list[str]:
     def each(value: Any) -> list:
+        if value is None and isinstance(material[key], list):
+            return [None] * len(material[key])
         return value if isinstance(material[key], list) else [value]
 
     parts = (material[key], material["stderr"][key], material["interval95"][key], material["determined"][key])
     rows = zip(*map(each, parts), strict=True)
-    return [
-        f"= {value:.4f} ± {error:.4f}" if known else f"lies in {interval}" for value, error, interval, known in rows
-    ]
+    return [_told(*row) for row in rows]
+
+
+def _told(value: float, error: float | None, interval: list[float] | None, known: bool | None) -> str:
+    if known and error is not None:
+        return f"= {value:.4g} ± {error:.4g}"
+    return f"lies in {interval}" if interval else "is not determined"
 
 
 if __name__ == "__main__":

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import base64
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import floor, log10
 from pathlib import Path
 from typing import Any
@@ -67,12 +67,13 @@ def render_report(result: Result, views: Sequence[ViewPictures], curves: Sequenc
     )
     page.filters["number"] = _number
     page.filters["picture"] = _data_uri
+    names = _distinct([view.name for view in views])
     known = {key: metal for metal in read_catalogue() for key in (metal.name, metal.title)}
     return page.get_template("report.html").render(
         result=result,
         headlines=[_headline(material, known) for material in result.materials],
-        rows=tiles(views),
-        quality={quality.name: quality for quality in result.quality.photographs},
+        rows=tiles([replace(view, name=name) for view, name in zip(views, names, strict=True)]),
+        quality=dict(zip(names, result.quality.photographs, strict=False)),
         difference_range=DIFFERENCE_RANGE,
         difference_colors=difference_colors(),
         tables=[(material, list(_rows(material))) for material in result.materials],
@@ -80,6 +81,13 @@ def render_report(result: Result, views: Sequence[ViewPictures], curves: Sequenc
         time=_shares(result),
         command=command,
     )
+
+
+def _distinct(names: Sequence[str]) -> list[str]:
+    """The photographs' names, numbered where two are the same: files of two folders may share theirs."""
+    if len(set(names)) == len(names):
+        return list(names)
+    return [f"{index}. {name}" for index, name in enumerate(names, 1)]
 
 
 def _headline(material: FittedMaterial, known: dict[str, Metal]) -> str:

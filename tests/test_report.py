@@ -14,7 +14,7 @@ from fitter.curves import Curve, reflectance_curve
 from fitter.parameters import Interval, Metal, MetalCoordinates
 from fitter.pictures import LONGEST_SIDE, comparison_png, tiles
 from fitter.report import ViewPictures, render_report
-from fitter.result import FittedMaterial, Nearest
+from fitter.result import FittedMaterial, Nearest, Quality
 from fitter.uncertainty import Spread
 from shaders import fresnel
 
@@ -196,3 +196,15 @@ def test_curve_is_the_metals_own(name):
     np.testing.assert_allclose(curve.value[90], 1, atol=1e-9)
     assert curve.theta.tolist() == list(range(91))
     np.testing.assert_array_equal(curve.low, curve.high)
+
+
+def test_two_photographs_of_one_name_keep_their_own_numbers():
+    of = {"name": "a", "psnr": 40.0, "ssim": None}
+    photographs = ({**of, "rms_relative": 0.0123}, {**of, "rms_relative": 0.0456})
+    quality = {"overall": {"rms_relative": 0.02, "psnr": 41.0, "ssim": None}, "photographs": photographs}
+    html = page_of(result(quality=Quality.model_validate(quality)), [view("a"), view("a")])
+    first, second = html.split("<figcaption>")[1:3]
+    assert "<b>1. a</b>" in first
+    assert "1.23" in first
+    assert "<b>2. a</b>" in second
+    assert "4.56" in second.partition("</figcaption>")[0]
