@@ -20,9 +20,9 @@ def report(path: Path) -> str:
 
 def _numbers(material: dict, key: str) -> list[str]:
     def each(value: Any) -> list:
-        if value is None and isinstance(material[key], list):
-            return [None] * len(material[key])
-        return value if isinstance(material[key], list) else [value]
+        if not isinstance(material[key], list):
+            return [value]
+        return value or [None] * len(material[key])
 
     parts = (material[key], material["stderr"][key], material["interval95"][key], material["determined"][key])
     rows = zip(*map(each, parts), strict=True)
