@@ -7,6 +7,7 @@ from collections.abc import Callable
 import jax
 import jax.numpy as jnp
 import numpy as np
+import optimistix  # noqa: F401 — the solver's own imports: start-up as well, and not its first step
 import torch
 from jax import Array
 from torch import Tensor

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 Residual = Callable[[Tensor], Tensor]
 Status = Literal["converged", "stopped"]
 
-PRECISE, ROUGH = 1e-6, 1e-3  # tolerances: of a result, and of a start for a better problem
+PRECISE, ROUGH = 1e-6, 1e-2  # tolerances: of a result, and of a start for a better problem
 UNSEEN = 0.1  # half a squared distance to the minimum, in standard errors of the parameters: 0.3 of one
 ZERO_RESIDUAL = 1e-9  # share of the first cost that counts as none where a perfect fit exists
 RANK_CUT = 1e-12  # singular values below this share of the largest are rounding
