@@ -1,16 +1,22 @@
-"""`python -m tests.bench [agreement] [recovery] [real]`: prints Markdown; without names all but `real`."""
+"""`python -m tests.bench [agreement] [recovery] [real] [real-SHAPE]`: prints Markdown; without names the first two."""
 
 from __future__ import annotations
 
 import sys
+from functools import partial
 
 from tests.bench import agreement, recovery
+from tests.bench.photographs import SHAPES
 from tests.bench.setting import SHARED, header, mitsuba_variant
 
 PARTS = {
     "agreement": ("Agreement with Mitsuba", agreement.rows),
     "recovery": ("Recovery and cost of the fit command", recovery.command_rows),
     "real": ("Recovery under real environments", recovery.real_rows),
+    **{
+        f"real-{shape}": (f"Recovery under real environments: {shape}", partial(recovery.real_rows, shapes=(shape,)))
+        for shape in SHAPES
+    },
 }
 
 

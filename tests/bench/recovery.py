@@ -52,17 +52,17 @@ def command_rows(variant: str) -> Iterator[str]:
     yield f"- peak resident memory: {spread([outcome.bytes / 2**20 for outcome in outcomes])} MiB"
 
 
-def real_rows(variant: str) -> Iterator[str]:
-    """Every environment, shape, metal and roughness, in this process."""
+def real_rows(variant: str, shapes: Sequence[str] = tuple(SHAPES)) -> Iterator[str]:
+    """Every environment, metal and roughness on each of the shapes, in this process."""
     outcomes = [
         _here(Case(metal, alpha, environment, shape), variant)
-        for shape in SHAPES
+        for shape in shapes
         for environment in ENVIRONMENTS
         for metal in METALS
         for alpha in ALPHAS
     ]
     yield from _table(outcomes)
-    for shape in SHAPES:
+    for shape in shapes:
         yield ""
         yield f"{shape}:"
         yield from _extremes([outcome for outcome in outcomes if outcome.case.shape == shape])
