@@ -6,10 +6,12 @@ import enum
 import io
 import os
 import shlex
+import signal
 import sys
+import threading
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Annotated
 
@@ -20,6 +22,7 @@ from renderer.errors import InputError
 
 BEGUN = time.perf_counter()
 DONE, NO_MATERIAL, WRONG_INPUT, INTERRUPTED = 0, 1, 2, 130
+UNTOUCHED = "interrupted; files of earlier results are as they were"
 
 app = typer.Typer(
     add_completion=False,
@@ -79,6 +82,7 @@ def main() -> None:
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):  # a locale may have no ± or σ
             stream.reconfigure(errors="backslashreplace")
+    pressed = _watch_for_interrupts()
     try:
         code = _run(sys.argv[1:] or ["--help"])
         if code == INTERRUPTED:  # typer's own word for Ctrl-C inside of a command
@@ -89,12 +93,27 @@ def main() -> None:
     except TyperException as error:
         _fail(_usage(error), WRONG_INPUT)
     except KeyboardInterrupt:
-        _fail("interrupted; files of earlier results are as they were", INTERRUPTED)
+        _fail(UNTOUCHED, INTERRUPTED)
     except Exception as error:
+        if pressed.is_set():
+            _fail(UNTOUCHED, INTERRUPTED)
         if os.environ.get("FIT_MATERIAL_DEBUG"):
             raise
         reason = " ".join(str(error).split()) or type(error).__name__
         _fail(f"internal error, please report it: {reason} (FIT_MATERIAL_DEBUG=1 shows where)", NO_MATERIAL)
+
+
+def _watch_for_interrupts() -> threading.Event:
+    """An event that Ctrl-C sets: a library that is being imported may turn the interrupt into an error of its own."""
+    pressed = threading.Event()
+
+    def note(signum: int, frame: object) -> None:
+        pressed.set()
+        raise KeyboardInterrupt
+
+    with suppress(ValueError):  # outside the main thread nobody sends signals
+        signal.signal(signal.SIGINT, note)
+    return pressed
 
 
 def _run(arguments: list[str]) -> int:
