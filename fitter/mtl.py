@@ -14,9 +14,7 @@ from types import MappingProxyType
 from typing import Any
 
 from fitter.result import FittedMaterial
-
-TYPE_CODES: Mapping[str, int] = MappingProxyType({"matte": 0, "glossy": 1, "metal": 2})
-"""The number behind `Ns` for each type of material [thesis, table 3.1]."""
+from shaders.materials import TYPE_CODES
 
 ILLUM: Mapping[str, int] = MappingProxyType({"matte": 1, "glossy": 2, "metal": 3})
 """The ordinary `illum`: diffuse, with highlight, with reflection."""

@@ -11,28 +11,10 @@ from torch import Tensor
 from torch.nn.functional import softplus
 
 from shaders import fresnel
+from shaders.materials import Metal
 
 _REACH = 30.0  # 1 - tanh² = 1e-25: float64 holds two more digits
 _MOST_REFLECTIVE = 9.2  # F0 = 0.9999, which no metal exceeds; n and k stay below 1e5 where a fit runs into it
-
-
-@dataclass(frozen=True)
-class Metal:
-    """A metal as the shading model takes it.
-
-    Attributes:
-        n, k: complex refractive index per channel, n > 0, k >= 0.
-        roughness: microfacet width alpha, or the thesis's blur radius ρ, as the lobe in use asks.
-    """
-
-    n: Float[Tensor, "3"]
-    k: Float[Tensor, "3"]
-    roughness: Float[Tensor, ""]
-
-    @property
-    def f0(self) -> Float[Tensor, "3"]:
-        """Reflectance at normal incidence, per channel."""
-        return fresnel.normal_reflectance(self.n, self.k)
 
 
 @dataclass(frozen=True)

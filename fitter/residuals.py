@@ -9,10 +9,11 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from fitter.parameters import Metal, MetalCoordinates
+from fitter.parameters import MetalCoordinates
 from renderer import transport
 from renderer.transport import LightTable
 from shaders import fresnel
+from shaders.materials import Metal
 
 MetalReflectance = Callable[[Tensor, Tensor, Tensor], Tensor]
 

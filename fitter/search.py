@@ -12,7 +12,7 @@ from torch import Tensor
 
 from fitter.catalogue import read_catalogue
 from fitter.fidelity import BLUR_RANGE, MICROFACET_RANGE, Fidelity
-from fitter.parameters import Interval, Metal, MetalCoordinates, tint_of
+from fitter.parameters import Interval, MetalCoordinates, tint_of
 from fitter.residuals import REFLECTANCES, PixelModel, Residuals, relative_weight, scatter
 from fitter.selection import Observations
 from fitter.solve import ROUGH, Solution, Solver
@@ -21,6 +21,7 @@ from renderer.environment import Environment
 from renderer.gbuffer import GBuffer
 from renderer.transport import LightTable
 from shaders import fresnel
+from shaders.materials import Metal
 
 Progress = Callable[[str, float], None]
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import math
 from dataclasses import dataclass
 
@@ -11,13 +12,13 @@ from jaxtyping import Float
 from scipy.optimize import minimize_scalar
 
 from fitter.fidelity import BLUR_RANGE
-from fitter.parameters import Metal
 from fitter.quality import tone_mapped, white_point
 from fitter.search import VIEWER_FACE_SIZE
 from fitter.selection import Observations
 from renderer import cubemap, transport
 from renderer.environment import Environment
-from shaders import fresnel
+from shaders import fresnel, lobe
+from shaders.materials import Metal
 
 PIXELS = 2000
 PARTS = 8
@@ -50,11 +51,12 @@ def viewer_roughness(observed: Observations, environment: Environment, metal: Me
     seen = observed.radiance[::every].numpy()
     white = white_point(seen)
     faces = cubemap.from_environment(environment, VIEWER_FACE_SIZE)
+    radiance = functools.partial(cubemap.lookup, faces)
     reflected = transport.reflect(surface).float()
     reflectance = fresnel.lazanyi(surface.n_dot_v[:, None], metal.n, metal.k)
 
     def residual(rho: float) -> Float[np.ndarray, "p 3"]:
-        blurred = transport.blur(faces, reflected, torch.tensor(rho)) * reflectance
+        blurred = lobe.blur(radiance, reflected, torch.tensor(rho)) * reflectance
         return tone_mapped(blurred.numpy(), white) - tone_mapped(seen, white)
 
     # The blur of a real map has several minima in ρ. A coarse look around the first guess 2√2·alpha finds the valley.

@@ -30,16 +30,16 @@ _AXES = torch.tensor(
 
 @dataclass(frozen=True)
 class Cubemap:
-    """Six faces of radiance.
+    """Six faces, of radiance or of whatever else there is to look up by direction.
 
     Attributes:
-        faces: [6, n, n, 3] in the order of `FACES`; rows run downwards in each face's picture.
+        faces: [6, n, n, c] in the order of `FACES`; rows run downwards in each face's picture.
     """
 
-    faces: Float[Tensor, "6 n n 3"]
+    faces: Float[Tensor, "6 n n c"]
 
     @cached_property
-    def stacked(self) -> Float[Tensor, "1 3 rows columns"]:
+    def stacked(self) -> Float[Tensor, "1 c rows columns"]:
         """The faces with their borders, one below the other."""
         bordered = with_margin(self.faces)
         return bordered.flatten(0, 1).permute(2, 0, 1)[None].contiguous()
@@ -70,15 +70,15 @@ def face_position(
     return face, right, down
 
 
-def lookup(cubemap: Cubemap, directions: Float[Tensor, "*p 3"]) -> Float[Tensor, "*p 3"]:
-    """Radiance from each direction, bilinear within a face and across its edges.
+def lookup(cubemap: Cubemap, directions: Float[Tensor, "*p 3"]) -> Float[Tensor, "*p c"]:
+    """The faces' values in each direction, bilinear within a face and across its edges.
 
     Args:
         cubemap: the six faces.
         directions: need not be unit length, must not be zero.
 
     Returns:
-        radiance [*p, 3] in the faces' dtype; differentiable with respect to directions and texels.
+        values [*p, c] in the faces' dtype; differentiable with respect to directions and texels.
     """
     size = cubemap.faces.shape[1]
     face, right, down = face_position(directions.to(cubemap.faces))
@@ -87,17 +87,17 @@ def lookup(cubemap: Cubemap, directions: Float[Tensor, "*p 3"]) -> Float[Tensor,
     row = (down + 1) * size / 2 + 1 + face * (size + 2)
     grid = torch.stack([column * (2 / (size + 2)) - 1, row * (2 / (6 * (size + 2))) - 1], -1).reshape(1, -1, 1, 2)
     found = torch.nn.functional.grid_sample(cubemap.stacked, grid, mode="bilinear", align_corners=False)
-    return found[0, :, :, 0].T.reshape(*directions.shape)
+    return found[0, :, :, 0].T.reshape(*directions.shape[:-1], -1)
 
 
-def with_margin(faces: Float[Tensor, "6 n n 3"]) -> Float[Tensor, "6 n+2 n+2 3"]:
+def with_margin(faces: Float[Tensor, "6 n n c"]) -> Float[Tensor, "6 n+2 n+2 c"]:
     """Each face with a border of one texel, taken from its neighbours as GL's seamless filtering takes it.
 
     An edge's border is the row of texels on the other side of the edge; a corner, where only three faces meet, is
     the mean of the three texels that touch it.
     """
     size = faces.shape[1]
-    padded = faces.new_empty(6, size + 2, size + 2, 3)
+    padded = faces.new_empty(6, size + 2, size + 2, faces.shape[-1])
     padded[:, 1:-1, 1:-1] = faces
     beyond = face_directions(size, margin=1).to(faces.device)
     for rows, columns in _edges():

@@ -9,6 +9,7 @@ F at a few angles, and the interpolation weights w_a: a fit may ask for thousand
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Literal
@@ -160,7 +161,7 @@ def tap_table(surface: GBuffer, environment: Cubemap, rhos: tuple[float, float, 
     basis = chebyshev.polynomials(2 * surface.n_dot_v.float() - 1, degree)
     table = torch.empty(count, len(surface.hit), degree, 3)
     for a, rho in enumerate(levels(low, high, count, "linear")):
-        blurred = blur(environment, reflected, torch.tensor(rho))
+        blurred = lobe.blur(functools.partial(cubemap.lookup, environment), reflected, torch.tensor(rho))
         table[a] = torch.einsum("bpk,pkc->pbc", basis, blurred) / surface.hit.shape[1]
     return LightTable(table.expand(2, *table.shape), low, high, "linear")
 
@@ -168,13 +169,6 @@ def tap_table(surface: GBuffer, environment: Cubemap, rhos: tuple[float, float, 
 def reflect(surface: GBuffer) -> Float[Tensor, "*p 3"]:
     """r = 2(n·v)n - v, the mirrored view."""
     return 2 * surface.n_dot_v[..., None] * surface.normal - surface.view
-
-
-def blur(environment: Cubemap, r: Float[Tensor, "*p 3"], rho: Float[Tensor, "*q"]) -> Float[Tensor, "*p 3"]:
-    """The environment around r through the thesis's two passes of seven taps [MODEL.md 3.1]."""
-    weights = lobe.tap_weights().to(r)
-    taps = cubemap.lookup(environment, lobe.tap_directions(r, rho))
-    return torch.einsum("i,j,...ijc->...c", weights, weights, taps)
 
 
 def _on_scale(roughness: Tensor, scale: Literal["linear", "log"]) -> Tensor:

@@ -8,6 +8,7 @@ trailing axis of three, which keeps every operation contiguous.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from typing import Literal
 
 import torch
@@ -63,6 +64,41 @@ def tap_directions(r: Float[Tensor, "*p 3"], rho: Float[Tensor, "*q"]) -> Float[
     spread_h = offset[..., :, None, None] * k_h[..., None, None, :]
     spread_v = offset[..., None, :, None] * k_v[..., None, None, :]
     return torch.nn.functional.normalize(r[..., None, None, :] + spread_h + spread_v, dim=-1)
+
+
+def blur(
+    radiance: Callable[[Float[Tensor, "*p 3"]], Float[Tensor, "*p 3"]],
+    r: Float[Tensor, "*p 3"],
+    rho: Float[Tensor, "*q"],
+) -> Float[Tensor, "*p 3"]:
+    """The environment around r through the thesis's two passes of seven taps [MODEL.md 3.1].
+
+    Args:
+        radiance: of the environment, by direction.
+        r: unit directions.
+        rho: ρ, blur radius >= 0; broadcasts against the leading axes of `r`.
+    """
+    weights = tap_weights().to(r)
+    taps = radiance(tap_directions(r, rho))
+    return torch.einsum("i,j,...ijc->...c", weights.to(taps), weights.to(taps), taps)
+
+
+def light_reflection(
+    r: Float[Tensor, "*p 3"], towards: Float[Tensor, "3"], rho: Float[Tensor, ""]
+) -> Float[Tensor, "*p 1"]:
+    """A directional light's blurred reflection, per radiance of the light [thesis 3.1; MODEL.md 3.2].
+
+        G(x; σ) = (2πσ²)^(-½) exp(-x²/2σ²),   x = |r - l|,   σ = ρ/2
+
+    Args:
+        r: mirrored views, unit.
+        towards: l, unit.
+        rho: ρ; a mirror, ρ = 0, shows no point light.
+    """
+    sigma = torch.where(rho > 0, rho / 2, 1.0)
+    squared = (r - towards.to(r)).square().sum(-1, keepdim=True)
+    gaussian = torch.exp(-squared / (2 * sigma**2)) / (math.sqrt(2 * math.pi) * sigma)
+    return torch.where(rho > 0, gaussian, 0.0)
 
 
 def distribution_of_normals(

@@ -8,8 +8,9 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 
 from fitter.catalogue import read_catalogue
-from fitter.parameters import Interval, Metal, MetalCoordinates
+from fitter.parameters import Interval, MetalCoordinates
 from shaders import fresnel
+from shaders.materials import Metal
 
 EPS = 2.0**-52
 LOGARITHMIC, LINEAR = Interval(0.02, 1.0, logarithmic=True), Interval(0.0, 0.8, logarithmic=False)

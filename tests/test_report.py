@@ -11,12 +11,13 @@ from test_result import gold, result
 
 from fitter.catalogue import metal
 from fitter.curves import Curve, reflectance_curve
-from fitter.parameters import Interval, Metal, MetalCoordinates
+from fitter.parameters import Interval, MetalCoordinates
 from fitter.pictures import LONGEST_SIDE, comparison_png, tiles
 from fitter.report import ViewPictures, render_report
 from fitter.result import FittedMaterial, Nearest, Quality
 from fitter.uncertainty import Spread
 from shaders import fresnel
+from shaders.materials import Metal
 
 VOID = {"meta", "img", "path", "use", "br"}
 

@@ -9,7 +9,6 @@ import torch
 
 from fitter.fidelity import PRESETS, preset
 from fitter.nearest import nearest_metals
-from fitter.parameters import Metal
 from fitter.search import fit_metal, radiance_of
 from fitter.selection import Observations
 from fitter.solve import SOLVERS
@@ -20,6 +19,7 @@ from renderer.environment import Environment
 from renderer.mesh import Sphere
 from renderer.studio import studio
 from renderer.synth import views
+from shaders.materials import Metal
 
 
 @pytest.fixture(scope="module")

@@ -9,7 +9,6 @@ import torch
 
 from fitter.catalogue import metal
 from fitter.fidelity import preset
-from fitter.parameters import Metal
 from fitter.residuals import PixelModel
 from fitter.search import light_table
 from renderer import gbuffer
@@ -18,6 +17,7 @@ from renderer.mesh import Sphere
 from renderer.synth import render, views
 from renderer.to_mitsuba import conductor
 from shaders import fresnel
+from shaders.materials import Metal
 from tests.bench.setting import SHARED
 
 SIZE, REPEATS, SPP, SAMPLES = 96, 4, 4096, 4096

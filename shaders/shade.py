@@ -1,0 +1,137 @@
+"""The thesis's model, put together: a material under the light of one object, seen at points of its surface.
+
+    metal    C = blur(L, r, ρ·depth) · F + light reflection · F
+    glossy   C = diffuse(energy_guard(color, F)) + the metal's reflection, F = schlick(reflectance)
+    matte    C = diffuse(color) · F,  F = schlick(reflectance)
+
+[thesis 3.2, 4.3; MODEL.md 3, 4]. Everything is differentiable in the material, the geometry and the light.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from jaxtyping import Float
+from torch import Tensor
+
+from shaders import diffuse, fresnel, lobe
+from shaders.materials import Glossy, Material, Matte, Metal
+
+Lookup = Callable[[Float[Tensor, "*p 3"]], Float[Tensor, "*p 3"]]
+DepthLookup = Callable[[Float[Tensor, "*p 3"]], Float[Tensor, "*p"]]
+
+
+@dataclass(frozen=True)
+class Points:
+    """Points of a surface, any leading shape.
+
+    Attributes:
+        normal: unit shading normal, a normal map's where there is one.
+        view: unit direction to the viewer.
+        openness: ambient occlusion, 1 open to 0 closed; None where there is no such map.
+        tint: the colour map's value, which multiplies `color`; None where there is no map.
+    """
+
+    normal: Float[Tensor, "*p 3"]
+    view: Float[Tensor, "*p 3"]
+    openness: Float[Tensor, "*p 1"] | None = None
+    tint: Float[Tensor, "*p 3"] | None = None
+
+    @property
+    def n_dot_v(self) -> Float[Tensor, "*p 1"]:
+        """Cosine between normal and view, 0 where the normal is turned away."""
+        return (self.normal * self.view).sum(-1, keepdim=True).clamp(0, 1)
+
+    @property
+    def reflected(self) -> Float[Tensor, "*p 3"]:
+        """r = 2(n·v)n - v, the mirrored view."""
+        return 2 * (self.normal * self.view).sum(-1, keepdim=True) * self.normal - self.view
+
+
+@dataclass(frozen=True)
+class DirectionalLight:
+    """A light so far away that it shines from one direction.
+
+    Attributes:
+        towards: unit direction towards it.
+        radiance: E of MODEL.md 3.2 and 4, its irradiance on a surface that faces it over π.
+    """
+
+    towards: Float[Tensor, "3"]
+    radiance: Float[Tensor, "3"]
+
+
+@dataclass(frozen=True)
+class Light:
+    """The light that falls on one object.
+
+    Attributes:
+        radiance: L by direction: the far environment's, or of what the object's own captured cubemap holds.
+        ambient: coefficients for `diffuse.ambient`.
+        depth: d = 1 - near/D in [0, 1) by direction, 1 for the sky; None where nothing is near [MODEL.md 3.3].
+        sources: directional lights.
+    """
+
+    radiance: Lookup
+    ambient: Float[Tensor, "9 3"]
+    depth: DepthLookup | None = None
+    sources: tuple[DirectionalLight, ...] = ()
+
+
+def shade(material: Material, points: Points, light: Light) -> Float[Tensor, "*p 3"]:
+    """Radiance towards the viewer, linear Rec. 709."""
+    if isinstance(material, Metal):
+        return reflection(fresnel.lazanyi(points.n_dot_v, material.n, material.k), material.roughness, points, light)
+    if isinstance(material, Glossy):
+        return _glossy(material, points, light)
+    return _matte(material, points, light)
+
+
+def _glossy(material: Glossy, points: Points, light: Light) -> Float[Tensor, "*p 3"]:
+    f = fresnel.schlick(points.n_dot_v, material.reflectance)
+    body = diffuse.energy_guard(_tinted(material.color, points), f)
+    return body * scattered(points, light) + reflection(f, material.roughness, points, light)
+
+
+def _matte(material: Matte, points: Points, light: Light) -> Float[Tensor, "*p 3"]:
+    f = fresnel.schlick(points.n_dot_v, material.reflectance)
+    return _tinted(material.color, points) * f * scattered(points, light)
+
+
+def reflection(
+    f: Float[Tensor, "*p 3"], roughness: Float[Tensor, ""], points: Points, light: Light
+) -> Float[Tensor, "*p 3"]:
+    """What the surface mirrors, blurred: environment and lights under the reflectance F [MODEL.md 3, 4].
+
+    Args:
+        f: F at n·v.
+        roughness: ρ.
+    """
+    r = points.reflected
+    blurred = lobe.blur(light.radiance, r, roughness if light.depth is None else roughness * light.depth(r))
+    for source in light.sources:
+        blurred = blurred + source.radiance * lobe.light_reflection(r, source.towards, roughness)
+    return double_bounce(f, points.openness) * blurred
+
+
+def double_bounce(f: Float[Tensor, "*p 3"], openness: Float[Tensor, "*p 1"] | None) -> Float[Tensor, "*p 3"]:
+    """F ← ao·F + (1-ao)·F²: in a crease light is reflected twice [thesis 4.3.2; MODEL.md 4]."""
+    return f if openness is None else f * (openness + (1 - openness) * f)
+
+
+def scattered(points: Points, light: Light) -> Float[Tensor, "*p 3"]:
+    """What a white Lambertian surface sends out: Σ E max(0, n·l) + ambient · ao [MODEL.md 4]."""
+    found = diffuse.ambient(light.ambient, points.normal)
+    if points.openness is not None:
+        found = found * points.openness
+    for source in light.sources:
+        towards = source.towards.to(points.normal)
+        found = found + source.radiance * (points.normal * towards).sum(-1, keepdim=True).clamp_min(0)
+    return found
+
+
+def _tinted(color: Float[Tensor, "3"], points: Points) -> Float[Tensor, "*p 3"]:
+    if points.tint is None:
+        return color.expand(points.normal.shape)
+    return color * points.tint
