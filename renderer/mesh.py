@@ -38,6 +38,8 @@ class Mesh:
         uv: texture coordinates per vertex, or None.
         material: index into `material_names` per face.
         material_names: the `usemtl` names; one entry, "default", where the file names none.
+        part: index into `part_names` per face; None where the mesh is one object.
+        part_names: the objects of the file: an OBJ's `o` (else `g`), a GLB's nodes.
     """
 
     vertices: Float[np.ndarray, "v 3"]
@@ -46,6 +48,8 @@ class Mesh:
     uv: Float[np.ndarray, "v 2"] | None
     material: Int[np.ndarray, " f"]
     material_names: tuple[str, ...] = (UNNAMED,)
+    part: Int[np.ndarray, " f"] | None = None
+    part_names: tuple[str, ...] = (UNNAMED,)
 
 
 Shape = Sphere | Mesh

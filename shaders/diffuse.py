@@ -22,7 +22,9 @@ _SCALE = (
 
 
 def harmonics(directions: Float[Tensor, "*p 3"]) -> Float[Tensor, "*p 9"]:
-    """The nine real spherical harmonics of degree 0 to 2, without their constants: 1, y, z, x, xy, yz, xz, 3z²-1, x²-y².
+    """The nine real spherical harmonics of degree 0 to 2 without their constants.
+
+        1, y, z, x, xy, yz, xz, 3z²-1, x²-y²        [Ramamoorthi & Hanrahan 2001, eq. 3]
 
     Args:
         directions: unit.

@@ -15,7 +15,7 @@ from renderer.environment import Environment
 from renderer.gbuffer import GBuffer, pixel_footprints, tracer
 from renderer.mesh import Sphere
 from renderer.to_mitsuba import conductor, envmap, mitsuba, mitsuba_shape, sensor
-from shaders import fresnel
+from shaders import fresnel, lobe
 from tests.quadrature import albedo
 
 GOLD = (0.146, 0.425, 1.431), (3.578, 2.326, 1.85)
