@@ -1,0 +1,1 @@
+"""The viewer: OpenGL through moderngl, on screen and off screen."""
