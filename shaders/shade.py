@@ -9,6 +9,7 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -62,15 +63,29 @@ class DirectionalLight:
     radiance: Float[Tensor, "3"]
 
 
-@dataclass(frozen=True)
-class Light:
+class Illumination(ABC):
     """The light that falls on one object.
 
     Attributes:
-        radiance: L by direction: the far environment's, or of what the object's own captured cubemap holds.
         ambient: coefficients for `diffuse.ambient`.
-        depth: d = 1 - near/D in [0, 1) by direction, 1 for the sky; None where nothing is near [MODEL.md 3.3].
         sources: directional lights.
+    """
+
+    ambient: Float[Tensor, "9 3"]
+    sources: tuple[DirectionalLight, ...]
+
+    @abstractmethod
+    def blurred(self, r: Float[Tensor, "*p 3"], rho: Float[Tensor, ""]) -> Float[Tensor, "*p 3"]:
+        """The environment around r, blurred with the radius ρ."""
+
+
+@dataclass(frozen=True)
+class Light(Illumination):
+    """Light of an environment that is looked up.
+
+    Attributes:
+        radiance: L by direction: the far environment's, or of what the object's own captured cubemap holds.
+        depth: d = 1 - near/D in [0, 1) by direction, 1 for the sky; None where nothing is near [MODEL.md 3.3].
     """
 
     radiance: Lookup
@@ -78,8 +93,11 @@ class Light:
     depth: DepthLookup | None = None
     sources: tuple[DirectionalLight, ...] = ()
 
+    def blurred(self, r: Float[Tensor, "*p 3"], rho: Float[Tensor, ""]) -> Float[Tensor, "*p 3"]:
+        return lobe.blur(self.radiance, r, rho if self.depth is None else rho * self.depth(r))
 
-def shade(material: Material, points: Points, light: Light) -> Float[Tensor, "*p 3"]:
+
+def shade(material: Material, points: Points, light: Illumination) -> Float[Tensor, "*p 3"]:
     """Radiance towards the viewer, linear Rec. 709."""
     if isinstance(material, Metal):
         return reflection(fresnel.lazanyi(points.n_dot_v, material.n, material.k), material.roughness, points, light)
@@ -88,19 +106,19 @@ def shade(material: Material, points: Points, light: Light) -> Float[Tensor, "*p
     return _matte(material, points, light)
 
 
-def _glossy(material: Glossy, points: Points, light: Light) -> Float[Tensor, "*p 3"]:
+def _glossy(material: Glossy, points: Points, light: Illumination) -> Float[Tensor, "*p 3"]:
     f = fresnel.schlick(points.n_dot_v, material.reflectance)
     body = diffuse.energy_guard(_tinted(material.color, points), f)
     return body * scattered(points, light) + reflection(f, material.roughness, points, light)
 
 
-def _matte(material: Matte, points: Points, light: Light) -> Float[Tensor, "*p 3"]:
+def _matte(material: Matte, points: Points, light: Illumination) -> Float[Tensor, "*p 3"]:
     f = fresnel.schlick(points.n_dot_v, material.reflectance)
     return _tinted(material.color, points) * f * scattered(points, light)
 
 
 def reflection(
-    f: Float[Tensor, "*p 3"], roughness: Float[Tensor, ""], points: Points, light: Light
+    f: Float[Tensor, "*p 3"], roughness: Float[Tensor, ""], points: Points, light: Illumination
 ) -> Float[Tensor, "*p 3"]:
     """What the surface mirrors, blurred: environment and lights under the reflectance F [MODEL.md 3, 4].
 
@@ -109,7 +127,7 @@ def reflection(
         roughness: ρ.
     """
     r = points.reflected
-    blurred = lobe.blur(light.radiance, r, roughness if light.depth is None else roughness * light.depth(r))
+    blurred = light.blurred(r, roughness)
     for source in light.sources:
         blurred = blurred + source.radiance * lobe.light_reflection(r, source.towards, roughness)
     return double_bounce(f, points.openness) * blurred
@@ -120,7 +138,7 @@ def double_bounce(f: Float[Tensor, "*p 3"], openness: Float[Tensor, "*p 1"] | No
     return f if openness is None else f * (openness + (1 - openness) * f)
 
 
-def scattered(points: Points, light: Light) -> Float[Tensor, "*p 3"]:
+def scattered(points: Points, light: Illumination) -> Float[Tensor, "*p 3"]:
     """What a white Lambertian surface sends out: Σ E max(0, n·l) + ambient · ao [MODEL.md 4]."""
     found = diffuse.ambient(light.ambient, points.normal)
     if points.openness is not None:
