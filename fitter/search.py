@@ -19,6 +19,7 @@ from fitter.solve import ROUGH, Solution, Solver
 from renderer import cubemap, transport
 from renderer.environment import Environment
 from renderer.gbuffer import GBuffer
+from renderer.surroundings import VIEWER_FACE_SIZE
 from renderer.transport import LightTable
 from shaders import fresnel
 from shaders.materials import Metal
@@ -28,7 +29,6 @@ Progress = Callable[[str, float], None]
 SEARCH_SCATTER = 0.03  # of the relative difference, while nothing is known of it yet
 EXACT = 1e-9  # least scatter, where photographs are noiseless and there is nothing but rounding
 MORE_ROUNDS = 3  # where the roughness runs into an end of the last span
-VIEWER_FACE_SIZE = 256  # texels along a cubemap face: the resolution of a 1k map
 
 
 @dataclass(frozen=True)

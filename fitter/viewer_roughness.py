@@ -13,10 +13,10 @@ from scipy.optimize import minimize_scalar
 
 from fitter.fidelity import BLUR_RANGE
 from fitter.quality import tone_mapped, white_point
-from fitter.search import VIEWER_FACE_SIZE
 from fitter.selection import Observations
 from renderer import cubemap, transport
 from renderer.environment import Environment
+from renderer.surroundings import VIEWER_FACE_SIZE
 from shaders import fresnel, lobe
 from shaders.materials import Metal
 
