@@ -11,6 +11,7 @@ import torch
 from jaxtyping import Bool, Float, Int
 from torch import Tensor
 
+from renderer import raycast
 from renderer.camera import Camera
 from renderer.mesh import Mesh, Shape, Sphere
 
@@ -27,6 +28,8 @@ class GBuffer:
         uv: texture coordinates.
         view: unit direction back along the ray, to the camera.
         material: index into the mesh's material names.
+        part: index into the mesh's objects.
+        tangent: as `tangents` has it at vertices, interpolated; 0 where there is none.
     """
 
     hit: Bool[Tensor, "*p"]
@@ -36,6 +39,8 @@ class GBuffer:
     uv: Float[Tensor, "*p 2"]
     view: Float[Tensor, "*p 3"]
     material: Int[Tensor, "*p"]
+    part: Int[Tensor, "*p"]
+    tangent: Float[Tensor, "*p 4"]
 
     @property
     def n_dot_v(self) -> Float[Tensor, "*p"]:
@@ -106,46 +111,44 @@ def _trace_sphere(origins: Float[Tensor, "p 3"], directions: Float[Tensor, "p 3"
     azimuth = torch.atan2(normal[:, 1], normal[:, 0]) / (2 * math.pi)
     uv = torch.stack([azimuth - azimuth.floor(), torch.acos(normal[:, 2].clamp(-1, 1)) / math.pi], -1)
     uv = torch.where(hit[:, None], uv, 0.0)
-    return GBuffer(hit, normal, normal, normal, uv, -directions, torch.zeros(len(hit), dtype=torch.long))
+    first = torch.zeros(len(hit), dtype=torch.long)
+    return GBuffer(hit, normal, normal, normal, uv, -directions, first, first, normal.new_zeros(len(hit), 4))
 
 
 def _mesh_tracer(mesh: Mesh) -> Tracer:
-    from renderer import to_mitsuba
-
-    mi = to_mitsuba.mitsuba("scalar_rgb")
-    scene = mi.load_dict({"type": "scene", "object": to_mitsuba.mitsuba_shape(mesh)})
+    cast, tangent = raycast.caster(mesh), None
 
     def trace(origins: Float[Tensor, "p 3"], directions: Float[Tensor, "p 3"]) -> GBuffer:
-        face = np.full(len(origins), -1)
-        weights = np.zeros((len(origins), 2))
-        for i, (origin, direction) in enumerate(zip(origins.tolist(), directions.tolist(), strict=True)):
-            found = scene.ray_intersect_preliminary(mi.Ray3f(origin, direction))
-            if found.is_valid():
-                face[i] = found.prim_index
-                weights[i] = found.prim_uv
-        return _interpolate(mesh, face, weights, directions)
+        return _interpolate(mesh, tangent, cast(origins, directions), origins, directions)
 
     return trace
 
 
 def _interpolate(
     mesh: Mesh,
+    tangent: Float[np.ndarray, "v 4"] | None,
     face: Int[np.ndarray, " p"],
-    weights: Float[np.ndarray, "p 2"],
+    origins: Float[Tensor, "p 3"],
     directions: Float[Tensor, "p 3"],
 ) -> GBuffer:
-    """Surface attributes at barycentric `weights` of the second and third corner of each hit face."""
+    """Surface attributes where each ray meets its face."""
     hit = face >= 0
     corner = mesh.faces[face]
-    barycentric = np.concatenate([1 - weights.sum(1, keepdims=True), weights], 1)[..., None]
+    weights = raycast.barycentric(mesh.vertices[corner], origins.numpy(), directions.numpy())[..., None]
 
     def mix(attribute: Float[np.ndarray, "v c"]) -> Float[Tensor, "p c"]:
-        return torch.from_numpy(np.where(hit[:, None], (attribute[corner] * barycentric).sum(1), 0.0))
+        return torch.from_numpy(np.where(hit[:, None], (attribute[corner] * weights).sum(1), 0.0))
 
     a, b, c = (mesh.vertices[corner[:, i]] for i in range(3))
     flat = torch.from_numpy(np.where(hit[:, None], np.cross(b - a, c - a), 0.0))
     geometric = torch.nn.functional.normalize(flat, dim=-1)
     normal = geometric if mesh.normals is None else torch.nn.functional.normalize(mix(mesh.normals), dim=-1)
     uv = mix(np.zeros((len(mesh.vertices), 2)) if mesh.uv is None else mesh.uv)
-    material = torch.from_numpy(np.where(hit, mesh.material[face], 0))
-    return GBuffer(torch.from_numpy(hit), mix(mesh.vertices), normal, geometric, uv, -directions, material)
+    material, part = (
+        torch.from_numpy(np.where(hit, of_face[face], 0))
+        for of_face in (mesh.material, np.zeros_like(mesh.material) if mesh.part is None else mesh.part)
+    )
+    along_u = mix(np.zeros((len(mesh.vertices), 4)) if tangent is None else tangent)
+    return GBuffer(
+        torch.from_numpy(hit), mix(mesh.vertices), normal, geometric, uv, -directions, material, part, along_u
+    )

@@ -1,5 +1,6 @@
 """What rays meet: the analytic sphere and meshes against Mitsuba, extended precision and geometry."""
 
+import dataclasses
 import math
 
 import numpy as np
@@ -8,6 +9,7 @@ import torch
 import trimesh
 
 from renderer.camera import Camera, look_at
+from renderer.errors import InputError
 from renderer.gbuffer import concatenate, pixel_centres, pixel_footprints, tracer
 from renderer.mesh import Mesh, Sphere
 from renderer.to_mitsuba import mitsuba, mitsuba_shape
@@ -220,7 +222,7 @@ def test_a_footprint_of_one_ray_is_the_centre():
     view, trace = CAMERAS["perspective"], tracer(bumpy())
     column, row = torch.tensor([5, 12, 20]), torch.tensor([4, 10, 3])
     found, expected = pixel_footprints(trace, view, column, row, 1)[:, 0], pixel_centres(trace, view)[row, column]
-    for name in ("hit", "position", "normal", "geometric_normal", "uv", "view", "material"):
+    for name in ("hit", "position", "normal", "geometric_normal", "uv", "view", "material", "part", "tangent"):
         torch.testing.assert_close(getattr(found, name), getattr(expected, name), atol=1e-5, rtol=0)
 
 
@@ -230,3 +232,35 @@ def test_buffers_are_joined_in_order():
     joined = concatenate([one, other])
     torch.testing.assert_close(joined.normal, torch.cat([one.normal, other.normal]))
     torch.testing.assert_close(joined[len(one.hit) :].view, other.view)
+
+
+def test_rays_one_by_one_meet_what_all_at_once_meet(monkeypatch):
+    """Without LLVM there is a slower way; which face is met, at this coarse mesh, hangs on no rounding."""
+    view, mesh = CAMERAS["perspective"], bumpy()
+    before = mitsuba("scalar_rgb").variant()
+    at_once = pixel_centres(tracer(mesh), view)
+    assert mitsuba().variant() == before
+    calls = []
+
+    def without_llvm(variant: str):
+        calls.append(variant)
+        if "llvm" in variant:
+            raise InputError("--variant", value=variant, expected="LLVM")
+        return mitsuba(variant)
+
+    monkeypatch.setattr("renderer.to_mitsuba.mitsuba", without_llvm)
+    one_by_one = pixel_centres(tracer(mesh), view)
+    assert calls == ["llvm_ad_rgb", "scalar_rgb"]
+    for field in dataclasses.fields(at_once):
+        torch.testing.assert_close(getattr(one_by_one, field.name), getattr(at_once, field.name), atol=0, rtol=0)
+
+
+def test_the_part_is_that_of_the_face_and_no_rays_meet_nothing():
+    mesh = icosphere(1)
+    mesh = dataclasses.replace(mesh, part=mesh.material, material=np.zeros_like(mesh.material))
+    found, expected = (pixel_centres(tracer(each), CAMERAS["perspective"]) for each in (mesh, icosphere(1)))
+    torch.testing.assert_close(found.part, expected.material)
+    assert not found.material.any()
+    assert not expected.part.any()
+    for shape in (mesh, Sphere()):
+        assert tracer(shape)(torch.empty(0, 3).double(), torch.empty(0, 3).double()).tangent.shape == (0, 4)

@@ -46,7 +46,7 @@ def facing(n_dot_v: list[float]) -> GBuffer:
     nothing = torch.zeros(count, 1, 3, dtype=torch.float64)
     return GBuffer(
         torch.ones(count, 1, dtype=torch.bool), nothing, normal, normal, nothing[..., :2], view,
-        torch.zeros(count, 1, dtype=torch.long),
+        *[torch.zeros(count, 1, dtype=torch.long)] * 2, torch.zeros(count, 1, 4, dtype=torch.float64),
     )  # fmt: skip
 
 
