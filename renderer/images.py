@@ -57,7 +57,11 @@ def read_image(path: str | Path, encoding: str | None = None) -> Image:
         InputError: the file is missing, broken or of another format, or the encoding is not one of these.
     """
     path = Path(path)
-    samples = _read_samples(path)
+    return decoded(_read_samples(path), path, encoding)
+
+
+def decoded(samples: Samples, path: Path, encoding: str | None = None) -> Image:
+    """Samples as a file stores them, unsigned integers or floats, as linear radiance; see `read_image`."""
     if samples.ndim not in (2, 3) or 0 in samples.shape or samples.shape[2:] not in ((), (1,), (2,), (3,), (4,)):
         raise InputError(path, "shape", list(samples.shape), "[height, width] or [height, width, 1 to 4 channels]")
     integer = samples.dtype.kind == "u"

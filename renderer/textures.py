@@ -3,9 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from pathlib import Path
 
-from jaxtyping import Float
+import torch
+from jaxtyping import Float, Int
 from torch import Tensor
+
+from renderer import images
+from renderer.errors import InputError
 
 
 @dataclass(frozen=True)
@@ -17,3 +22,69 @@ class Texture:
     """
 
     texels: Float[Tensor, "h w c"]
+
+
+def read_texture(path: str | Path, *, color: bool) -> Texture:
+    """Read a picture file as a texture of three channels; grey is repeated thrice, alpha left out.
+
+    Args:
+        path: what `images.read_image` reads, where 16-bit PNG keeps its bits, and whatever else Pillow does (GIF,
+            TGA, WebP, BMP, …); the first picture of several.
+        color: integers are decoded from sRGB to linear Rec. 709; otherwise they are numbers, the largest code 1.
+            Floats are taken as they are.
+
+    Raises:
+        InputError: the file is missing or broken, or a texel is not in [0, 1].
+    """
+    path = Path(path)
+    if not path.is_file():
+        raise InputError(path, expected="a texture here, but there is none")
+    texels = torch.from_numpy(_read(path, None if color else "linear").radiance).contiguous()
+    outside = ~((texels >= 0) & (texels <= 1))  # nan is outside, too
+    if outside.any():
+        raise InputError(path, "texel", texels[outside][0].item(), "numbers in [0, 1] in a texture")
+    return Texture(texels)
+
+
+def _read(path: Path, encoding: str | None) -> images.Image:
+    if path.suffix.lower() in images.FORMATS:
+        return images.read_image(path, encoding)
+    from imageio.v3 import imread
+
+    try:
+        samples = imread(path, plugin="pillow", mode="RGB", index=0)
+    except Exception as error:  # Pillow's many plugins raise whatever they like on foreign bytes
+        raise InputError(path, expected="a picture of a format that Pillow reads") from error
+    return images.decoded(samples, path, encoding)
+
+
+def lookup(texture: Texture, uv: Float[Tensor, "*p 2"]) -> Float[Tensor, "*p c"]:
+    """The texture's values, as GL_LINEAR and GL_REPEAT find them where the last row is uploaded first.
+
+        x = w·frac(u) - ½,   y = h·(1 - frac(v)) - ½        [OpenGL 4.6 core, §8.14.3, rows counted from the top]
+
+    and between the four texels around (x, y), which go on at the opposite edge, bilinearly.
+
+    Args:
+        texture: any number of channels.
+        uv: texture coordinates, finite, any range.
+
+    Returns:
+        values in the texels' dtype; differentiable with respect to texels and uv.
+    """
+    texels = texture.texels
+    height, width = texels.shape[:2]
+    u, v = (uv - uv.detach().floor()).unbind(-1)
+    column, right = _cell(u * width - 0.5)
+    row, below = _cell((1 - v) * height - 0.5)
+    upper, lower = (
+        torch.lerp(texels[i, column % width], texels[i, (column + 1) % width], right.to(texels))
+        for i in (row % height, (row + 1) % height)
+    )
+    return torch.lerp(upper, lower, below.to(texels))
+
+
+def _cell(position: Float[Tensor, "*p"]) -> tuple[Int[Tensor, "*p"], Float[Tensor, "*p 1"]]:
+    """The texel at or before a position along one axis, and how far towards the next one it lies, in [0, 1)."""
+    before = position.detach().floor()
+    return before.long(), (position - before)[..., None]
