@@ -13,6 +13,7 @@ CURVES = ("clamp", "reinhard", "aces")
 """The curves by name; a curve's number in GLSL is its place here."""
 
 REINHARD_WHITE = 4.0  # the exposed luminance that becomes 1
+BRIGHTEST = 1e6  # white under every curve, and its square is a float32
 _LUMINANCE = (0.2126, 0.7152, 0.0722)  # Rec. 709
 
 
@@ -27,7 +28,8 @@ def tone_mapped(radiance: Float[Tensor, "*p 3"], exposure: float = 0.0, curve: s
     Returns:
         sRGB-encoded colour in [0, 1].
     """
-    return srgb(_CURVES[curve](radiance * 2.0**exposure).clamp(0, 1))
+    exposed = (radiance * 2.0**exposure).clamp(max=BRIGHTEST)
+    return srgb(_CURVES[curve](exposed).clamp(0, 1))
 
 
 def clamped(radiance: Float[Tensor, "*p 3"]) -> Float[Tensor, "*p 3"]:
@@ -51,7 +53,7 @@ def aces(radiance: Float[Tensor, "*p 3"]) -> Float[Tensor, "*p 3"]:
 
     Its x is 0.6 times the exposed radiance, which brings its brightness to that of ACES itself (ibid.).
     """
-    x = 0.6 * radiance.clamp(max=1e6)  # a float32 square stays finite
+    x = 0.6 * radiance
     return x * (2.51 * x + 0.03) / (x * (2.43 * x + 0.59) + 0.14)
 
 

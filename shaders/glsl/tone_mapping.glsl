@@ -2,6 +2,7 @@
 // Twin of shaders/tone_mapping.py.
 
 const int CLAMP = 0, REINHARD = 1, ACES = 2;
+const float BRIGHTEST = 1e6;  // white under every curve, and its square is finite
 const float REINHARD_WHITE = 4.0;  // the exposed luminance that becomes 1
 
 // Luminance compressed, hue kept. Reinhard 2002, eq. 4.
@@ -12,7 +13,7 @@ vec3 reinhard(vec3 radiance) {
 
 // The film-like curve of ACES, as a fit per channel. Narkowicz, ACES Filmic Tone Mapping Curve, 2015.
 vec3 aces(vec3 radiance) {
-    vec3 x = 0.6 * min(radiance, vec3(1e6));
+    vec3 x = 0.6 * radiance;
     return x * (2.51 * x + 0.03) / (x * (2.43 * x + 0.59) + 0.14);
 }
 
@@ -24,7 +25,7 @@ vec3 srgb(vec3 linear) {
 
 // Radiance as a display's code values; exposure in stops.
 vec3 tone_mapped(vec3 radiance, float exposure, int curve) {
-    vec3 exposed = radiance * exp2(exposure);
+    vec3 exposed = min(radiance * exp2(exposure), BRIGHTEST);
     if (curve == REINHARD) exposed = reinhard(exposed);
     if (curve == ACES) exposed = aces(exposed);
     return srgb(clamp(exposed, 0.0, 1.0));
