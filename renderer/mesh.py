@@ -9,7 +9,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from io import BytesIO
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -57,13 +57,17 @@ Shape = Sphere | Mesh
 
 @dataclass(frozen=True)
 class _Part:
-    """One node of the file: triangles of one material, in world space."""
+    """Triangles of one material and one object, in world space."""
 
     vertices: Float[np.ndarray, "v 3"]
     faces: Int[np.ndarray, "f 3"]
     normals: Float[np.ndarray, "v 3"] | None
     uv: Float[np.ndarray, "v 2"] | None
     name: str
+    object: str
+
+
+Triangles = TypeVar("Triangles", _Part, Mesh)
 
 
 def read_mesh(path: str | Path, smooth: bool = True) -> Mesh:
@@ -132,10 +136,15 @@ def _scene_parts(scene: Any) -> Iterator[_Part]:
         transform, key = scene.graph[node]
         geometry = scene.geometry[key]
         if hasattr(geometry, "faces"):  # neither a point cloud nor a path
-            yield _part(geometry, np.asarray(transform, np.float64))
+            yield _part(geometry, np.asarray(transform, np.float64), _object(scene, node, geometry))
 
 
-def _part(geometry: Any, transform: Float[np.ndarray, "4 4"]) -> _Part:
+def _object(scene: Any, node: str, geometry: Any) -> str:
+    """The node's name in the file; trimesh makes a node of its own for each material of a GLB's node."""
+    return scene.graph.transforms.parents[node] if geometry.metadata.get("from_gltf_primitive") else node
+
+
+def _part(geometry: Any, transform: Float[np.ndarray, "4 4"], node: str) -> _Part:
     vertices, linear = np.asarray(geometry.vertices, np.float64), transform[:3, :3]
     if not np.array_equal(transform, np.eye(4)):  # which would spread a NaN over the coordinates
         vertices = vertices @ linear.T + transform[:3, 3]
@@ -148,9 +157,17 @@ def _part(geometry: Any, transform: Float[np.ndarray, "4 4"]) -> _Part:
         vertices=vertices,
         faces=faces[:, ::-1] if mirrored else faces,
         normals=None if normals is None else _unit_normals(normals @ np.linalg.inv(linear)),
-        uv=None if uv is None or len(uv) != len(geometry.vertices) else np.asarray(uv, np.float64)[:, :2],
+        uv=_finite_uv(uv, len(vertices)),
         name=getattr(material, "name", None) or UNNAMED,
+        object=node,
     )
+
+
+def _finite_uv(uv: Any, count: int) -> Float[np.ndarray, "v 2"] | None:
+    """Texture coordinates; None where vertices have none, or one that is no number."""
+    if uv is None or len(uv) != count or not np.isfinite(uv).all():
+        return None
+    return np.asarray(uv, np.float64)[:, :2]
 
 
 def _unit_normals(normals: Float[np.ndarray, "v 3"]) -> Float[np.ndarray, "v 3"] | None:
@@ -178,34 +195,40 @@ def _doubled_area(corner: Float[np.ndarray, "f 3 3"]) -> Float[np.ndarray, "f 3"
 
 
 def _joined(parts: list[_Part], smooth: bool) -> Mesh:
-    """One mesh of all parts; where some have normals, the others get those of their facets."""
+    """One mesh of all parts; where some have normals, the others get those of their facets, and uv 0 likewise."""
     smooth = smooth and any(part.normals is not None for part in parts)
     if smooth:
-        parts = [part if part.normals is not None else _faceted(part) for part in parts]
-    names = tuple(dict.fromkeys(part.name for part in parts))
+        parts = [part if part.normals is not None else faceted(part) for part in parts]
+    names, objects = (tuple(dict.fromkeys(found)) for found in zip(*((p.name, p.object) for p in parts), strict=True))
     offset = np.cumsum([0, *(len(part.vertices) for part in parts)])
-    uv = [part.uv for part in parts if part.uv is not None]
+    uv = [np.zeros((len(part.vertices), 2)) if part.uv is None else part.uv for part in parts]
     return Mesh(
         vertices=np.concatenate([part.vertices for part in parts]),
         faces=np.concatenate([part.faces + start for part, start in zip(parts, offset, strict=False)]),
         normals=np.concatenate([part.normals for part in parts if part.normals is not None]) if smooth else None,
-        uv=np.concatenate(uv) if len(uv) == len(parts) else None,
-        material=np.concatenate([np.full(len(part.faces), names.index(part.name)) for part in parts]),
+        uv=np.concatenate(uv) if any(part.uv is not None for part in parts) else None,
+        material=_per_face(parts, [names.index(part.name) for part in parts]),
         material_names=names,
+        part=_per_face(parts, [objects.index(part.object) for part in parts]) if len(objects) > 1 else None,
+        part_names=objects if len(objects) > 1 else (UNNAMED,),
     )
 
 
-def _faceted(part: _Part) -> _Part:
-    """The part with three vertices of its own per triangle, which bear the facet's normal."""
+def _per_face(parts: list[_Part], index: list[int]) -> Int[np.ndarray, " f"]:
+    return np.repeat(index, [len(part.faces) for part in parts])
+
+
+def faceted(part: Triangles) -> Triangles:
+    """The triangles with three vertices of their own each, which bear the facet's normal."""
     corner = part.vertices[part.faces]
     normal = _doubled_area(corner)
     normal /= np.linalg.norm(normal, axis=-1, keepdims=True)
-    return _Part(
+    return replace(
+        part,
         vertices=corner.reshape(-1, 3),
         faces=np.arange(corner.shape[0] * 3).reshape(-1, 3),
         normals=np.repeat(normal, 3, axis=0),
         uv=None if part.uv is None else part.uv[part.faces].reshape(-1, 2),
-        name=part.name,
     )
 
 
@@ -216,9 +239,11 @@ def _obj_parts(path: Path) -> Iterator[_Part]:
             raise InputError(path, f"{kind} index of a face", plain.highest[kind], f"at most {len(lines)}")
     if not plain.faces:
         return
+    groups = list(plain.groups)
     resolver = {MATERIAL_FILE: plain.material_text.encode()}
     for part in _scene_parts(_load(BytesIO(plain.text.encode()), file_type="obj", resolver=resolver)):
-        yield replace(part, name=plain.names[int(part.name)])
+        name, _, object_ = groups[int(part.name)]
+        yield replace(part, name=name, object=object_)
 
 
 def _glb_parts(path: Path) -> Iterator[_Part]:

@@ -11,10 +11,15 @@ from __future__ import annotations
 import codecs
 import re
 from dataclasses import dataclass, field
+from functools import cached_property
 from itertools import chain
 
 MATERIAL_FILE = "materials"
 _KINDS = ("v", "vt", "vn")
+_OBJECT, _GROUP = "o", "g"
+
+Group = tuple[str, tuple[str, ...], str]
+"""What faces have in common: material, kinds that all corners refer to, object."""
 
 
 @dataclass
@@ -23,39 +28,44 @@ class PlainObj:
 
     Attributes:
         vertices: the lines of each kind (v, vt, vn), in their order.
-        faces: the face lines, by material name and by the kinds that all corners refer to.
+        faces: the face lines, by material name, kinds that all corners refer to, and names of `o` and `g`.
         highest: the highest index used of each kind.
     """
 
     vertices: dict[str, list[str]] = field(default_factory=lambda: {kind: [] for kind in _KINDS})
-    faces: dict[tuple[str, tuple[str, ...]], list[str]] = field(default_factory=dict)
+    faces: dict[tuple[str, tuple[str, ...], tuple[str, str]], list[str]] = field(default_factory=dict)
     highest: dict[str, int] = field(default_factory=lambda: dict.fromkeys(_KINDS, 0))
 
-    @property
-    def names(self) -> list[str]:
-        """The material's name behind each number."""
-        return [name for name, _ in self.faces]
+    @cached_property
+    def groups(self) -> dict[Group, list[str]]:
+        """The face lines by what tells them apart; objects are named by `o`, or by `g` where `o` has one name only."""
+        used = [{names[level] for _, _, names in self.faces} for level in (0, 1)]
+        level = 1 if len(used[0]) == 1 < len(used[1]) else 0
+        groups: dict[Group, list[str]] = {}
+        for (material, kinds, names), lines in self.faces.items():
+            groups.setdefault((material, kinds, names[level]), []).extend(lines)
+        return groups
 
     @property
     def text(self) -> str:
-        """The file anew, with numbers for materials' names."""
+        """The file anew, with the numbers of `groups` for materials' names."""
         lines = [f"mtllib {MATERIAL_FILE}", *chain.from_iterable(self.vertices.values())]
-        for number, faces in enumerate(self.faces.values()):
+        for number, faces in enumerate(self.groups.values()):
             lines += [f"usemtl {number}", *faces]
         return "\n".join(lines)
 
     @property
     def material_text(self) -> str:
         """The material file that `text` refers to."""
-        return "\n".join(f"newmtl {number}\nKd 1 1 1" for number in range(len(self.faces)))
+        return "\n".join(f"newmtl {number}\nKd 1 1 1" for number in range(len(self.groups)))
 
-    def add_face(self, material: str, corners: list[dict[str, int]]) -> None:
+    def add_face(self, material: str, names: tuple[str, str], corners: list[dict[str, int]]) -> None:
         shared = tuple(kind for kind in _KINDS if all(kind in corner for corner in corners))
         for kind in shared:
             self.highest[kind] = max(self.highest[kind], *(corner[kind] for corner in corners))
         separator = "//" if shared == ("v", "vn") else "/"
         line = " ".join(["f", *(separator.join(str(corner[kind]) for kind in shared) for corner in corners)])
-        self.faces.setdefault((material, shared), []).append(line)
+        self.faces.setdefault((material, shared, names), []).append(line)
 
     def corner(self, word: str) -> dict[str, int]:
         """The absolute indices in "v/vt/vn", by kind.
@@ -76,28 +86,37 @@ def plain_obj(data: bytes, unnamed: str) -> PlainObj:
 
     Args:
         data: the file; UTF-8, UTF-16 with byte-order mark, or Latin-1.
-        unnamed: what to call the material of faces before the first `usemtl`.
+        unnamed: what to call the material of faces before the first `usemtl`, and their object before the first `o`.
 
     Raises:
         ValueError: an index that cannot be.
     """
-    text = _decode(data)
+    text = decoded(data)
     missing = [kind for kind in _KINDS[1:] if not re.search(rf"^\s*{kind}\s", text, re.MULTILINE)]
-    plain, material = PlainObj(), unnamed
+    plain, material, named = PlainObj(), unnamed, {_OBJECT: unnamed, _GROUP: unnamed}
     for line in re.sub(r"\\\r?\n", " ", text).splitlines():
         key, *words = line.split() or [""]
         if key == "usemtl":
             material = " ".join(words) or unnamed
+        elif key in named:
+            named[key] = " ".join(words) or unnamed
         elif key in _KINDS:
             plain.vertices[key].append(" ".join([key, *words[: 2 if key == "vt" else 3]]))
         elif key == "f" and len(words := line.partition("#")[0].split()[1:]) >= 3:
             corners = [plain.corner(word) for word in words]
             # exporters refer to normals or texture coordinates that they did not write: the shape is whole
-            plain.add_face(material, [{k: i for k, i in c.items() if k not in missing} for c in corners])
+            kept = [{kind: i for kind, i in corner.items() if kind not in missing} for corner in corners]
+            plain.add_face(material, (named[_OBJECT], named[_GROUP]), kept)
     return plain
 
 
-def _decode(data: bytes) -> str:
+def material_libraries(text: str) -> list[str]:
+    """What stands behind each `mtllib`, as written: one file's name or several."""
+    return [name.strip() for name in re.findall(r"^[ \t]*mtllib[ \t]+(\S.*)$", text, re.MULTILINE)]
+
+
+def decoded(data: bytes) -> str:
+    """The text of an OBJ or MTL file: UTF-8, UTF-16 with byte-order mark, or Latin-1."""
     if data.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
         return data.decode("utf-16")
     try:

@@ -1,5 +1,8 @@
 """Meshes against what was written, and every mesh that we could find against the promise of one sentence."""
 
+import json
+import struct
+
 import numpy as np
 import pytest
 import trimesh
@@ -114,6 +117,67 @@ def test_nodes_of_a_scene_are_placed_and_mirrored_ones_face_outwards(tmp_path):
     assert (np.linalg.det(corner - centre[:, None]) > 0).all()
 
 
+def objects_of(mesh: Mesh) -> list[tuple[str, str]]:
+    """Object and material of each face, sorted."""
+    assert mesh.part is not None
+    found = zip(mesh.part, mesh.material, strict=True)
+    return sorted((mesh.part_names[part], mesh.material_names[material]) for part, material in found)
+
+
+def test_objects_and_materials_of_a_face_are_told_apart(obj):
+    faces = (
+        "f 1 2 3\no a b\ng x\nusemtl red\nf 1 3 2\ng y\nf 2 1 3\no c\nf 3 2 1\nusemtl blue\nf 3 1 2\no a b\nf 2 3 1\n"
+    )
+    mesh = read_mesh(obj(TRIANGLE + faces))
+    expected = [("a b", "blue"), ("a b", "red"), ("a b", "red"), ("c", "blue"), ("c", "red"), ("default", "default")]
+    assert objects_of(mesh) == expected
+
+
+@pytest.mark.parametrize("one", ["", "o ball\n", "o empty\no ball\n"])
+def test_groups_are_objects_where_o_tells_none_apart(obj, one):
+    mesh = read_mesh(obj(one + TRIANGLE + "g x y\nf 1 2 3\ng z\nf 1 3 2\nf 2 1 3\n"))
+    assert objects_of(mesh) == [("x y", "default"), ("z", "default"), ("z", "default")]
+
+
+@pytest.mark.parametrize("one", ["", "o ball\n", "g x\n", "o ball\ng x\n"])
+def test_one_object_needs_no_index(obj, one):
+    mesh = read_mesh(obj(one + TRIANGLE + "f 1 2 3\nusemtl red\nf 1 3 2\n"))
+    assert mesh.part is None
+    assert mesh.part_names == ("default",)
+
+
+def test_objects_of_a_glb_are_its_nodes_whatever_their_materials(tmp_path):
+    """Written by hand, for trimesh exports one material per node."""
+    corners = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0]], np.float32).tobytes()
+    primitive = {"attributes": {"POSITION": 0}}
+    content = {
+        "asset": {"version": "2.0"},
+        "scenes": [{"nodes": [0, 1]}],
+        "nodes": [{"name": "pot", "mesh": 0}, {"name": "lid", "mesh": 1, "translation": [0, 0, 1]}],
+        "meshes": [{"primitives": [primitive | {"material": m} for m in (0, 1)]}, {"primitives": [primitive]}],
+        "materials": [{"name": "red"}, {"name": "blue"}],
+        "accessors": [{"bufferView": 0, "componentType": 5126, "count": 3, "type": "VEC3"}],
+        "bufferViews": [{"buffer": 0, "byteLength": len(corners)}],
+        "buffers": [{"byteLength": len(corners)}],
+    }
+    text = json.dumps(content).encode()
+    text += b" " * (-len(text) % 4)
+    chunks = struct.pack("<I4s", len(text), b"JSON") + text + struct.pack("<I4s", len(corners), b"BIN\0") + corners
+    (tmp_path / "a.glb").write_bytes(struct.pack("<4sII", b"glTF", 2, 12 + len(chunks)) + chunks)
+    mesh = read_mesh(tmp_path / "a.glb")
+    assert objects_of(mesh) == [("lid", "default"), ("pot", "blue"), ("pot", "red")]
+
+
+def test_parts_without_texture_coordinates_leave_the_others_theirs(obj):
+    mesh = read_mesh(obj(TRIANGLE + "vt 0.5 0.25\nf 1/1 2/1 3/1\nf 1 3 2\n"))
+    assert mesh.uv is not None
+    assert sorted(mesh.uv[mesh.faces].sum((1, 2))) == [0, 3 * 0.75]
+
+
+def test_texture_coordinates_that_are_no_numbers_are_none(obj):
+    assert read_mesh(obj(TRIANGLE + "vt 0.5 nan\nf 1/1 2/1 3/1\n")).uv is None
+
+
 def test_triangles_without_area_are_dropped(obj):
     mesh = read_mesh(obj(TRIANGLE + "v 2 0 0\nf 1 2 3\nf 1 2 4\nf 1 1 2\n"))
     assert len(mesh.faces) == 1
@@ -195,5 +259,7 @@ def test_every_mesh_at_hand_is_read_or_refused_in_one_sentence(shared_data, capf
         assert mesh.uv is None or len(mesh.uv) == len(mesh.vertices)
         assert len(mesh.material) == len(mesh.faces)
         assert mesh.material.max() < len(mesh.material_names)
+        if mesh.part is not None:
+            assert sorted(set(mesh.part)) == list(range(len(mesh.part_names)))  # none without faces
     assert read > 0.75 * len(paths)  # most of them are whole; the rest was made to be broken
     assert capfd.readouterr() == ("", "")
