@@ -13,12 +13,15 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 from typer.exceptions import TyperException
 
 from renderer.errors import InputError
+
+if TYPE_CHECKING:
+    from renderer.truth import ShadingModel, TrueMaterial
 
 BEGUN = time.perf_counter()
 DONE, NO_MATERIAL, WRONG_INPUT, INTERRUPTED = 0, 1, 2, 130
@@ -53,6 +56,11 @@ class TypeName(enum.StrEnum):
     matte = "matte"
 
 
+class ModelName(enum.StrEnum):
+    mitsuba = "mitsuba"
+    viewer = "viewer"
+
+
 class LobeName(enum.StrEnum):
     ggx = "ggx"
     beckmann = "beckmann"
@@ -74,7 +82,8 @@ Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Show no progress.")]
 Seed = Annotated[
     int, typer.Option(help="Of everything random; the same seed gives the same files.", min=0, max=2**31 - 1)
 ]
-Triple = Annotated[tuple[float, float, float] | None, typer.Option(metavar="R G B")]
+Channels = tuple[float, float, float] | None
+Triple = Annotated[Channels, typer.Option(metavar="R G B")]
 
 
 def main() -> None:
@@ -199,11 +208,33 @@ def fit(
 @app.command()
 def synth(
     out: Out,
+    type_: Annotated[
+        TypeName, typer.Option("--type", help="Kind of material; auto takes it from what is given.")
+    ] = TypeName.auto,
     metal: Annotated[str | None, typer.Option(help="A metal of the catalogue, such as Au or gold.")] = None,
     n: Triple = None,
     k: Triple = None,
-    alpha: Annotated[float, typer.Option(help="Microfacet width, 0.001 to 1.")] = 0.2,
+    color: Annotated[Channels, typer.Option(metavar="R G B", help="Of a glossy or matte body, 0 to 1.")] = None,
+    reflectance: Annotated[
+        Channels, typer.Option(metavar="R G B", help="Of a glossy surface, seen from the front, 0 to 1.")
+    ] = None,
+    alpha: Annotated[
+        float | None, typer.Option(help="Microfacet width, 0.001 to 1, or 0 for a mirror; 0.2 where left out.")
+    ] = None,
+    roughness: Annotated[
+        float | None, typer.Option(help="Blur radius of the viewer's model, in alpha's place.")
+    ] = None,
+    model: Annotated[
+        ModelName | None,
+        typer.Option(
+            help="Mitsuba's path tracing, or the viewer's shading (where --roughness is given), without --spp."
+        ),
+    ] = None,
     distribution: Annotated[LobeName, typer.Option(help="Distribution of the microfacets.")] = LobeName.ggx,
+    materials: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE.toml", help="A material for each name in the mesh, in the options' place."),
+    ] = None,
     mesh: Annotated[Path | None, typer.Option(help="Any mesh file; without it the unit sphere.")] = None,
     env: Annotated[str, typer.Option(help="studio, sunsky, a map, or a folder with six faces.")] = "studio",
     views: Annotated[int, typer.Option(help="Number of photographs.")] = 3,
@@ -214,14 +245,20 @@ def synth(
     variant: Annotated[str, typer.Option(help="Mitsuba's: scalar_rgb, or llvm_ad_rgb where LLVM is.")] = "scalar_rgb",
     quiet: Quiet = False,
 ) -> None:
-    """Photograph a metal object with Mitsuba: EXR files, scene.toml to fit them, truth.json to compare."""
-    known = _metal(metal, n, k)
+    """Photograph an object with Mitsuba: EXR files, scene.toml to fit them, truth.json to compare."""
+    said = {"metal": metal, "n": n, "k": k, "color": color, "reflectance": reflectance}
+    said |= {"alpha": alpha, "roughness": roughness}
+    asked = None if model is None else model.value
+    known, chosen = (
+        _true_material(asked, type=type_.value, distribution=distribution.value, **said)
+        if materials is None
+        else _true_materials(materials, asked, said)
+    )
     from renderer.synth import SynthOptions, synthesise  # after the slips that need no torch
 
     options = SynthOptions(
-        **known,
-        alpha=alpha,
-        distribution=distribution.value,
+        known,
+        model=chosen,
         mesh=mesh,
         env=env,
         views=views,
@@ -241,7 +278,8 @@ def demo(out: Out = Path("demo"), quiet: Quiet = False) -> None:
     """Photograph a gold ball with Mitsuba and fit it; needs no input."""
     from renderer.synth import SynthOptions, synthesise
 
-    options = SynthOptions(**_metal("gold", None, None), alpha=0.15, size=128, spp=512)
+    gold, _ = _true_material(None, metal="gold", alpha=0.15)
+    options = SynthOptions(gold, size=128, spp=512)
     with _progress(quiet) as progress:
         scene = synthesise(options, out / "photographs", progress)
     code = _fit(scene, out, "standard", "ggx", "lm", 0, "cpu", quiet, begun=time.perf_counter())
@@ -275,17 +313,23 @@ def _stem(result: Path) -> str:
     return names[0] if len(names) == 1 else folder.name or "material"
 
 
-def _metal(metal: str | None, n: tuple | None, k: tuple | None) -> dict:
-    """n, k and where they come from, for `SynthOptions`."""
-    from fitter.catalogue import metal as known
+def _true_material(asked: Any, **said: Any) -> tuple[TrueMaterial, ShadingModel]:
+    """What the object is made of, and the model that shows it."""
+    from fitter.true_material import shading_model, true_material, with_default_alpha
 
-    if metal is not None and n is None and k is None:
-        found = known(metal)
-        return {"n": found.n, "k": found.k, "metal": found.name, "source": found.source}
-    if metal is None and n is not None and k is not None:
-        return {"n": n, "k": k}
-    given = [name for name, value in (("--metal", metal), ("--n", n), ("--k", k)) if value is not None]
-    raise InputError("synth", value=" ".join(given) or "without a metal", expected="either --metal NAME or --n and --k")
+    described = true_material(**said)
+    model = shading_model(asked, described)
+    return with_default_alpha(described, model), model
+
+
+def _true_materials(path: Path, asked: Any, said: dict[str, Any]) -> tuple[dict[str, TrueMaterial], ShadingModel]:
+    """The same, of each material by name, from a file that says all."""
+    for key, value in said.items():
+        if value is not None:
+            raise InputError(f"--{key}", value=value, expected=f"no {key} beside --materials, whose file says all")
+    from fitter.material_file import read_materials
+
+    return read_materials(path, asked)
 
 
 def _fit(

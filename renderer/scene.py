@@ -154,7 +154,7 @@ def read_scene(path: str | Path) -> Scene:
         InputError: about the first thing that is wrong: file, field, value and what was expected.
     """
     path = Path(path)
-    data = _load_toml(path)
+    data = load_toml(path)
     cameras = data.get("cameras")
     found = existing_file(cameras, path.parent)
     if found is not None:
@@ -176,7 +176,12 @@ def read_shape(spec: GeometrySpec) -> Shape:
     return Sphere() if spec.mesh is None else read_mesh(spec.mesh, spec.smooth)
 
 
-def _load_toml(path: Path) -> dict[str, Any]:
+def load_toml(path: Path, what: str = "scene file") -> dict[str, Any]:
+    """The tables of a TOML file; `what` it is said to be where there is none.
+
+    Raises:
+        InputError: it cannot be read, or is no TOML.
+    """
     try:
         return tomllib.loads(path.read_text("utf-8-sig"))  # Windows begins UTF-8 with a mark
     except tomllib.TOMLDecodeError as error:
@@ -187,7 +192,7 @@ def _load_toml(path: Path) -> dict[str, Any]:
         raise InputError(path, expected="TOML without hundreds of tables inside each other") from None
     except (OSError, ValueError) as error:
         reason = "there is none" if isinstance(error, FileNotFoundError) else error
-        raise InputError(path, expected=f"a readable scene file here ({reason})") from None
+        raise InputError(path, expected=f"a readable {what} here ({reason})") from None
 
 
 def _with_cameras(path: Path, listed: Any, cameras: Path) -> Any:

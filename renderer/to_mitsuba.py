@@ -1,4 +1,4 @@
-"""Our cameras, shapes, surroundings and metals in Mitsuba's terms.
+"""Our cameras, shapes, surroundings and materials in Mitsuba's terms.
 
 Mitsuba keeps its variant (number type and backend) in a global; `mitsuba` sets it, and whatever is made here
 is of the variant that is current then. Nothing made under one variant can be used under another.
@@ -6,7 +6,8 @@ is of the variant that is current then. Nothing made under one variant can be us
 
 from __future__ import annotations
 
-from typing import Any, Literal
+from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 import torch
@@ -15,8 +16,10 @@ from renderer.camera import Camera
 from renderer.environment import Environment
 from renderer.errors import InputError
 from renderer.mesh import Mesh, Shape, Sphere
+from renderer.truth import Channels, Distribution, TrueGlossy, TrueMaterial, TrueMetal, index_of
+from shaders.shade import DirectionalLight
 
-Distribution = Literal["ggx", "beckmann"]
+Bsdf = dict[str, Any]
 
 
 def mitsuba(variant: str = "scalar_rgb") -> Any:
@@ -41,27 +44,54 @@ def mitsuba(variant: str = "scalar_rgb") -> Any:
     return mi
 
 
-def conductor(
-    n: tuple[float, float, float],
-    k: tuple[float, float, float],
-    alpha: float,
-    distribution: Distribution = "ggx",
-) -> dict[str, Any]:
-    """A rough metal as Mitsuba's `roughconductor`.
+def bsdf_of(material: TrueMaterial) -> Bsdf:
+    """A material that Mitsuba can show; see `renderer.truth.require_shadable`."""
+    if isinstance(material, TrueMetal):
+        return conductor(material.n, material.k, material.alpha or 0.0, material.distribution)
+    if isinstance(material, TrueGlossy):
+        return plastic(material.color, material.reflectance[0], material.alpha or 0.0, material.distribution)
+    return diffuse(material.color)
+
+
+def conductor(n: Channels, k: Channels, alpha: float, distribution: Distribution = "ggx") -> Bsdf:
+    """A metal as Mitsuba's `roughconductor`, or `conductor` where it is a mirror.
 
     Args:
         n, k: complex refractive index n + ik, red, green, blue; unitless.
-        alpha: microfacet width, isotropic, > 0.
+        alpha: microfacet width, isotropic; 0 is a mirror.
         distribution: of the microfacets' normals.
     """
-    return {
-        "type": "roughconductor",
-        "eta": {"type": "rgb", "value": list(n)},
-        "k": {"type": "rgb", "value": list(k)},
-        "alpha": alpha,
-        "distribution": distribution,
-        "sample_visible": True,
-    }
+    index = {"eta": _rgb(n), "k": _rgb(k)}
+    if alpha == 0:
+        return {"type": "conductor", **index}
+    return {"type": "roughconductor", **index, **_microfacets(alpha, distribution)}
+
+
+def plastic(color: Channels, reflectance: float, alpha: float, distribution: Distribution = "ggx") -> Bsdf:
+    """A diffuse body under a dielectric surface as Mitsuba's `roughplastic`, or `plastic` where it is smooth.
+
+    Args:
+        color: of the body, in [0, 1].
+        reflectance: F0 of the surface at normal incidence, in (0, 1), made by its index of refraction.
+        alpha, distribution: as `conductor`'s.
+    """
+    body = {"diffuse_reflectance": _rgb(color), "int_ior": index_of(reflectance), "ext_ior": 1.0, "nonlinear": False}
+    if alpha == 0:
+        return {"type": "plastic", **body}
+    return {"type": "roughplastic", **body, **_microfacets(alpha, distribution)}
+
+
+def diffuse(color: Channels) -> Bsdf:
+    """A Lambertian surface of that albedo, in [0, 1], as Mitsuba's `diffuse`."""
+    return {"type": "diffuse", "reflectance": _rgb(color)}
+
+
+def _rgb(value: Sequence[float]) -> dict[str, Any]:
+    return {"type": "rgb", "value": list(value)}
+
+
+def _microfacets(alpha: float, distribution: Distribution) -> dict[str, Any]:
+    return {"alpha": alpha, "distribution": distribution, "sample_visible": True}
 
 
 def sensor(camera: Camera, spp: int = 1) -> dict[str, Any]:
@@ -104,7 +134,16 @@ def envmap(environment: Environment) -> dict[str, Any]:
     }
 
 
-def mitsuba_shape(shape: Shape, bsdf: dict[str, Any] | None = None) -> Any:
+def directional(light: DirectionalLight) -> dict[str, Any]:
+    """A far-away light as an emitter; Mitsuba says where it shines to, and its irradiance."""
+    return {
+        "type": "directional",
+        "direction": (-light.towards).tolist(),
+        "irradiance": _rgb((torch.pi * light.radiance).tolist()),
+    }
+
+
+def mitsuba_shape(shape: Shape, bsdf: Bsdf | None = None) -> Any:
     """A shape for rendering or ray casting, in Mitsuba's current variant.
 
     Vertices and faces keep their order, so that `prim_index` of an intersection is the index of the face.
@@ -124,6 +163,26 @@ def mitsuba_shape(shape: Shape, bsdf: dict[str, Any] | None = None) -> Any:
     if shape.normals is None:
         properties["face_normals"] = True
     return _mesh(mi, shape, properties)
+
+
+def mitsuba_shapes(shape: Shape, bsdfs: Sequence[Bsdf]) -> dict[str, Any]:
+    """A shape for rendering, a part of its own for each material, in Mitsuba's current variant.
+
+    Args:
+        shape: triangles of `material` i are made of the i-th of `bsdfs`.
+        bsdfs: one for each of the mesh's `material_names`; one serves the whole of any shape.
+    """
+    if len(bsdfs) == 1 or isinstance(shape, Sphere):
+        return {"object": mitsuba_shape(shape, bsdfs[0])}
+    return {f"object_{i}": mitsuba_shape(_of_material(shape, i), bsdf) for i, bsdf in enumerate(bsdfs)}
+
+
+def _of_material(mesh: Mesh, material: int) -> Mesh:
+    """The triangles of one material, with the vertices that they use."""
+    used, corners = np.unique(mesh.faces[mesh.material == material], return_inverse=True)
+    faces = corners.reshape(-1, 3)
+    normals, uv = (None if of_vertex is None else of_vertex[used] for of_vertex in (mesh.normals, mesh.uv))
+    return Mesh(mesh.vertices[used], faces, normals, uv, np.zeros(len(faces), dtype=int))
 
 
 def _mesh(mi: Any, mesh: Mesh, properties: Any) -> Any:

@@ -26,6 +26,7 @@ from fitter import cli
 from fitter.catalogue import metal
 from renderer.images import write_exr
 from renderer.synth import SynthOptions, synthesise
+from renderer.truth import TrueMetal
 
 COMMAND = [sys.executable, "-m", "fitter.cli"]
 # a program beside a test must not take all cores with tensors of a few thousand numbers
@@ -48,7 +49,7 @@ EFFECTS = """reflection blur horizon light-reflection diffuse-irradiance energy-
 def photographs(tmp_path_factory) -> Path:
     """Folder of a small scene of gold."""
     gold = metal("Au")
-    options = SynthOptions(n=gold.n, k=gold.k, alpha=0.25, size=40, spp=256, views=2)
+    options = SynthOptions(TrueMetal(gold.n, gold.k, alpha=0.25), size=40, spp=256, views=2)
     return synthesise(options, tmp_path_factory.mktemp("photographs")).parent
 
 
@@ -234,7 +235,7 @@ def test_undetermined_is_exit_code_one(tmp_path):
     """Under light that is the same from everywhere, nobody can tell the roughness."""
     write_exr(tmp_path / "grey.exr", np.ones((8, 16, 3), np.float32))
     iron = metal("Fe")
-    options = SynthOptions(n=iron.n, k=iron.k, alpha=0.2, size=24, spp=64, views=1, env=str(tmp_path / "grey.exr"))
+    options = SynthOptions(TrueMetal(iron.n, iron.k, 0.2), size=24, spp=64, views=1, env=str(tmp_path / "grey.exr"))
     ended = run("fit", synthesise(options, tmp_path / "scene"), "-o", tmp_path / "out", "--fidelity", "preview")
     assert (ended.returncode, ended.stderr) == (1, "")
     assert strictly_parsed(tmp_path / "out" / "result.json")["status"] != "converged"
@@ -327,7 +328,7 @@ def test_ctrl_c_at_the_start_is_as_quiet(photographs, tmp_path):
         (["fit", "a.toml", "-o", ""], '-o: is "", expected a folder that can be written'),
         (["fit", "a.toml", "-o", "x", "--type", "glossy"], "--type: is glossy, expected auto or metal"),
         (["fit", "a.toml", "-o", "x", "--type", "matte"], "--type: is matte, expected auto or metal"),
-        (["synth", "-o", "x"], "synth: is without a metal, expected either --metal NAME or --n and --k"),
+        (["synth", "-o", "x"], "synth: is without a material, expected --metal NAME, --n and --k, or --color"),
         (["synth", "--metal", "Unobtainium", "-o", "x"], "Unobtainium"),
         (["synth", "--metal", "Au", "--alpha", "3", "-o", "x"], "--alpha: is 3.0, expected"),
         (["synth", "--metal", "Au", "--mesh", "no.obj", "-o", "x"], "no.obj: expected a mesh file here"),

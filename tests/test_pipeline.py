@@ -17,6 +17,7 @@ from fitter.pipeline import FitOptions, fit_scene
 from fitter.result import FittedMaterial, Result, read_result
 from renderer.errors import InputError
 from renderer.synth import SynthOptions, synthesise
+from renderer.truth import TrueMetal
 
 # The directions that the standard has, for half its pixels and with fewer rays in each: F0 to half a percent.
 FIDELITY = replace(PRESETS["standard"], pixels=2000, footprint=2)
@@ -24,10 +25,8 @@ FIDELITY = replace(PRESETS["standard"], pixels=2000, footprint=2)
 
 def photograph(folder: Path, name: str, alpha: float, distribution="ggx", mesh: Path | None = None, seed=0) -> Path:
     known = metal(name)
-    options = SynthOptions(
-        n=known.n, k=known.k, alpha=alpha, distribution=distribution, mesh=mesh, size=48, spp=256, seed=seed
-    )
-    return synthesise(options, folder)
+    material = TrueMetal(known.n, known.k, alpha, distribution=distribution)
+    return synthesise(SynthOptions(material, mesh=mesh, size=48, spp=256, seed=seed), folder)
 
 
 def fitted(scene: Path, out: Path, solver="lm", lobe="ggx", seed=0) -> Result:

@@ -18,7 +18,7 @@ from renderer import gbuffer
 from renderer.environment import Environment
 from renderer.mesh import Sphere
 from renderer.studio import studio
-from renderer.synth import views
+from renderer.views import views
 from shaders.materials import Metal
 
 

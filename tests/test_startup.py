@@ -65,7 +65,7 @@ def test_help_names_every_command():
     ("arguments", "sentence"),
     [
         (("synth", "--metal", "Unobtainium", "-o", "x"), "Unobtainium"),
-        (("synth", "-o", "x"), "either --metal NAME or --n and --k"),
+        (("synth", "-o", "x"), "expected --metal NAME, --n and --k, or --color"),
         (("fit", "scene.toml", "-o", "x", "--type", "glossy"), "--type: is glossy, expected auto or metal"),
     ],
 )

@@ -14,8 +14,9 @@ from fitter.search import light_table
 from renderer import gbuffer
 from renderer.environment import read_environment
 from renderer.mesh import Sphere
-from renderer.synth import render, views
+from renderer.path_tracer import render
 from renderer.to_mitsuba import conductor
+from renderer.views import views
 from shaders import fresnel
 from shaders.materials import Metal
 from tests.bench.setting import SHARED

@@ -8,6 +8,7 @@ from pathlib import Path
 
 from fitter.catalogue import metal
 from renderer.synth import SynthOptions, synthesise
+from renderer.truth import TrueMetal
 from tests.bench.setting import CACHE, SHARED
 
 METALS = ("Au", "Cu", "Al", "Fe")
@@ -41,14 +42,10 @@ class Case:
         """What `synth` is asked for."""
         known = metal(self.metal)
         return SynthOptions(
-            n=known.n,
-            k=known.k,
-            alpha=self.alpha,
+            TrueMetal(known.n, known.k, self.alpha, metal=known.name, source=known.source),
             mesh=SHAPES[self.shape],
             env=str(SHARED / "env" / f"{self.environment}_1k.hdr"),
             size=128,
             spp=512,
             variant=variant,
-            metal=known.name,
-            source=known.source,
         )
