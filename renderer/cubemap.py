@@ -14,8 +14,7 @@ from renderer.environment import Environment
 
 FACES = ("px", "nx", "py", "ny", "pz", "nz")
 
-# Per face: the world axes (right, down, outward) of its picture [OpenGL 4.6 core, table 8.19].
-_AXES = torch.tensor(
+AXES = torch.tensor(
     [
         [[0, 0, -1], [0, -1, 0], [1, 0, 0]],
         [[0, 0, 1], [0, -1, 0], [-1, 0, 0]],
@@ -26,6 +25,7 @@ _AXES = torch.tensor(
     ],
     dtype=torch.float64,
 )
+"""Per face: the world axes (right, down, outward) of its picture [OpenGL 4.6 core, table 8.19]."""
 
 
 @dataclass(frozen=True)
@@ -50,7 +50,7 @@ def face_directions(size: int, margin: int = 0) -> Float[Tensor, "6 m m 3"]:
     centre = (2 * torch.arange(-margin, size + margin, dtype=torch.float64) + 1) / size - 1
     down, right = torch.meshgrid(centre, centre, indexing="ij")
     local = torch.stack([right, down, torch.ones_like(right)], -1)
-    return torch.nn.functional.normalize(torch.einsum("rcj,fji->frci", local, _AXES), dim=-1)
+    return torch.nn.functional.normalize(torch.einsum("rcj,fji->frci", local, AXES), dim=-1)
 
 
 def face_position(
@@ -61,7 +61,7 @@ def face_position(
     Returns:
         index into `FACES`, and position to the right and downwards on that face, each in [-1, 1].
     """
-    axes = _AXES.to(directions)
+    axes = AXES.to(directions)
     outward = directions @ axes[:, 2].T
     face = outward.argmax(-1)
     depth = outward.gather(-1, face[..., None])[..., 0]

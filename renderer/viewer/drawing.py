@@ -1,0 +1,60 @@
+"""Drawing a model in its surroundings: uploaded once, drawn as often as wanted, in linear radiance."""
+
+from __future__ import annotations
+
+import moderngl
+
+from renderer.camera import Camera
+from renderer.model import Model
+from renderer.surroundings import Surroundings
+from renderer.viewer.capture import Captures, capturing_objects
+from renderer.viewer.painting import Painter, Pass
+from renderer.viewer.view import camera_view
+
+
+class Stage:
+    """A model and its surroundings in the graphics memory.
+
+    Args:
+        context: OpenGL 4.3 or newer, from `context.offscreen_context` or through `context.prepared`.
+        model: what to draw.
+        surroundings: the light.
+        neighbours: let every reflective object of several mirror the others [MODEL.md 2, 3.3].
+
+    Attributes:
+        bounds: the model's bounding box, its centre and half its diagonal.
+    """
+
+    def __init__(
+        self, context: moderngl.Context, model: Model, surroundings: Surroundings, *, neighbours: bool = True
+    ) -> None:
+        self._painter = Painter(context, model, surroundings)
+        self._captures = Captures(context, self._painter, capturing_objects(model) if neighbours else {})
+        self.bounds = self._painter.geometry.bounds
+
+    def draw(
+        self,
+        framebuffer: moderngl.Framebuffer,
+        camera: Camera,
+        *,
+        sky: bool = True,
+        rotation: float = 0.0,
+        offset: tuple[float, float] = (0.0, 0.0),
+    ) -> None:
+        """Draw linear radiance, Rec. 709; alpha is the objects' coverage, 0 or 1.
+
+        Args:
+            framebuffer: float RGBA with depth, see `targets.linear_target`; filled as a whole, lowest row first.
+            camera: whose film is spread over the framebuffer; their aspects should agree.
+            sky: show the environment behind the objects; black where not.
+            rotation: degrees by which the environment is turned about +Y, beyond its own turn; lights stay.
+            offset: by which every pixel is sampled off its centre, rightwards and upwards, in pixels.
+        """
+        captured = self._captures.at(rotation)
+        view = camera_view(camera, framebuffer.size, self.bounds, offset)
+        self._painter.paint(framebuffer, Pass(view, rotation, sky, neighbours=captured))
+
+    def release(self) -> None:
+        """Give the memory back; the compiled programs stay with the context."""
+        self._captures.release()
+        self._painter.release()

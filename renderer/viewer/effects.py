@@ -1,0 +1,44 @@
+"""Which effects a drawing calls for, as the definitions that its shader is compiled with; no others are in it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from renderer.model import Appearance
+from shaders.materials import Matte
+
+Definitions = frozenset[tuple[str, int]]
+
+
+def definitions(
+    appearance: Appearance, *, lights: int, uv: bool, tangents: bool, neighbours: bool, depth: bool
+) -> Definitions:
+    """The definitions of shaders/glsl/surface.frag.
+
+    Args:
+        appearance: material and maps.
+        lights: number of directional lights.
+        uv: the mesh has texture coordinates, without which there are no maps.
+        tangents: it has tangents, without which there is no normal map.
+        neighbours: a cubemap of what is around the object was captured.
+        depth: the picture is such a capture, which holds depth in place of coverage.
+    """
+    material, maps = appearance.material, appearance.maps
+    reflective = not isinstance(material, Matte)
+    wanted = {
+        material.type.upper(): 1,
+        "LIGHTS": lights,
+        "BLUR": int(reflective and float(material.roughness) > 0),
+        "NEIGHBOURS": int(reflective and neighbours),
+        "COLOR_MAP": int(material.type != "metal" and uv and maps.color is not None),
+        "NORMAL_MAP": int(uv and tangents and maps.normal is not None),
+        "AMBIENT_OCCLUSION": int(uv and maps.ambient_occlusion is not None),
+        "DEPTH": int(depth),
+    }
+    wanted["TEXTURED"] = int(any(wanted[name] for name in ("COLOR_MAP", "NORMAL_MAP", "AMBIENT_OCCLUSION")))
+    return _defined(wanted)
+
+
+def _defined(wanted: Mapping[str, int]) -> Definitions:
+    """What is 0 stays undefined, but for the number of lights, which the shader compares."""
+    return frozenset((name, value) for name, value in wanted.items() if value or name == "LIGHTS")
