@@ -190,7 +190,9 @@ def _options(
 def fit(
     scene: Annotated[Path, typer.Argument(metavar="SCENE.toml")],
     out: Out,
-    type_: Annotated[TypeName, typer.Option("--type", help="Kind of material; so far only metals.")] = TypeName.auto,
+    type_: Annotated[
+        TypeName, typer.Option("--type", help="Of materials that the scene leaves open; auto tries all.")
+    ] = TypeName.auto,
     fidelity: Annotated[FidelityName, typer.Option(help="How accurately, for how much time.")] = FidelityName.standard,
     lobe: Annotated[LobeName, typer.Option(help="Distribution of the microfacets.")] = LobeName.ggx,
     solver: Annotated[SolverName, typer.Option(help="Least squares by which method.")] = SolverName.lm,
@@ -199,9 +201,7 @@ def fit(
     quiet: Quiet = False,
 ) -> None:
     """Fit the material of a scene; writes result.json, report.html and two MTL files."""
-    if type_ not in (TypeName.auto, TypeName.metal):
-        raise InputError("--type", value=type_.value, expected="auto or metal: only metals are fitted so far")
-    code = _fit(scene, out, fidelity.value, lobe.value, solver.value, seed, device, quiet)
+    code = _fit(scene, out, type_.value, fidelity.value, lobe.value, solver.value, seed, device, quiet)
     raise typer.Exit(code)
 
 
@@ -282,7 +282,7 @@ def demo(out: Out = Path("demo"), quiet: Quiet = False) -> None:
     options = SynthOptions(gold, size=128, spp=512)
     with _progress(quiet) as progress:
         scene = synthesise(options, out / "photographs", progress)
-    code = _fit(scene, out, "standard", "ggx", "lm", 0, "cpu", quiet, begun=time.perf_counter())
+    code = _fit(scene, out, "metal", "standard", "ggx", "lm", 0, "cpu", quiet, begun=time.perf_counter())
     _say(f"truth: {out / 'photographs' / 'truth.json'}")
     raise typer.Exit(code)
 
@@ -335,6 +335,7 @@ def _true_materials(path: Path, asked: Any, said: dict[str, Any]) -> tuple[dict[
 def _fit(
     scene: Path,
     out: Path,
+    kind: str,
     fidelity: str,
     lobe: str,
     solver: str,
@@ -352,7 +353,7 @@ def _fit(
             import fitter.bridge  # noqa: F401 — its imports are start-up, not solving
         command = shlex.join(["fit-material", *sys.argv[1:]])
         chosen = preset(fidelity, lobe)  # type: ignore[arg-type] — a value of LobeName
-        options = FitOptions(chosen, solver, seed, device, command)
+        options = FitOptions(chosen, kind, solver, seed, device, command)
         result = fit_scene(scene, out, options, progress, begun)
     _print_result(result, out)
     return DONE if result.status == "converged" else NO_MATERIAL
@@ -360,11 +361,14 @@ def _fit(
 
 def _print_result(result, out: Path) -> None:
     for material in result.materials:
-        _say(f"{material.name}: {material.type}, most like {material.nearest[0].name}")
-        for key in ("n", "k", "f0", "alpha", "roughness"):
+        nearest = f", most like {material.nearest[0].name}" if material.nearest else ""
+        _say(f"{material.name}: {material.type}{nearest}")
+        for key in ("n", "k", "color", "reflectance", "f0", "alpha", "roughness"):
             values, errors = getattr(material, key), getattr(material.stderr, key)
+            if values is None:
+                continue
             pairs = zip(values, errors, strict=True) if isinstance(values, tuple) else [(values, errors)]
-            _say(f"  {key:10}", "   ".join(_with_error(value, error) for value, error in pairs))
+            _say(f"  {key:11}", "   ".join(_with_error(value, error) for value, error in pairs))
     _say(result.message)
     _say(f"report: {out / 'report.html'}")
 

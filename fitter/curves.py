@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import io
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -14,15 +14,17 @@ from jaxtyping import Float
 from torch import Tensor
 
 from fitter.catalogue import Metal
-from fitter.parameters import MetalCoordinates
-from fitter.residuals import MetalReflectance
+from fitter.parameters import Coordinates
 from fitter.uncertainty import TWO_SIDED_95, Spread, standard_errors
 from shaders.fresnel import conductor
+from shaders.materials import Material
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 CHANNELS = (("red", "#d1495b"), ("green", "#3a9a5c"), ("blue", "#3f7fcf"))
+
+MaterialReflectance = Callable[[Material, Tensor], Tensor]
 
 INK = "#102030"
 """Stands for the page's text colour until the SVG is finished."""
@@ -43,19 +45,18 @@ class Curve:
     high: Float[np.ndarray, "t 3"]
 
 
-def reflectance_curve(reflectance: MetalReflectance, coordinates: MetalCoordinates, x: Tensor, spread: Spread) -> Curve:
-    """F(θ) of a fitted metal; its band is the value ± 1.96 standard errors, inside [0, 1].
+def reflectance_curve(reflectance: MaterialReflectance, coordinates: Coordinates, x: Tensor, spread: Spread) -> Curve:
+    """F(θ) of a fitted material; its band is the value ± 1.96 standard errors, inside [0, 1].
 
     Args:
-        reflectance: F(cos_d, n, k) that was fitted.
+        reflectance: F(material, cos_d) that was fitted.
         coordinates, x, spread: the fit's free vector, what it stands for, and its covariance.
     """
     theta = torch.linspace(0, 90, 91, dtype=torch.float64)
     cos_d = torch.cos(torch.deg2rad(theta)).clamp_min(0)[:, None]
 
     def curve(free: Tensor) -> Tensor:
-        metal = coordinates.metal(free)
-        return reflectance(cos_d, metal.n, metal.k).flatten()
+        return reflectance(coordinates.material(free), cos_d).expand(-1, 3).flatten()
 
     value = curve(x)
     half = TWO_SIDED_95 * standard_errors(curve, x, spread)

@@ -1,38 +1,47 @@
-"""Which effects of DESIGN.md's list a fit of metals simulates, and why."""
+"""Which effects of DESIGN.md's list a fit simulates, and why."""
 
 from __future__ import annotations
+
+from collections.abc import Collection
 
 from fitter.fidelity import Fidelity
 from fitter.result import Effect
 
 
-def effects_of(fidelity: Fidelity, self_seeing: float) -> tuple[Effect, ...]:
+def effects_of(fidelity: Fidelity, types: Collection[str], lights: int, self_seeing: float) -> tuple[Effect, ...]:
     """The effects by name, on or off, each with its reason.
 
     Args:
         fidelity: what was asked for.
+        types: of the materials that were found.
+        lights: number of directional lights.
         self_seeing: share of the pixels that mirror the object itself.
     """
-    taps = fidelity.lobe == "taps"
-    exact = fidelity.reflectance == "conductor"
+    taps, exact = fidelity.lobe == "taps", fidelity.reflectance == "conductor"
+    mirrors, scatters = bool({"metal", "glossy"} & {*types}), bool({"glossy", "matte"} & {*types})
+    found = f"the materials are {', '.join(sorted({*types}))}"
+    nothing = f"{found}, which mirror nothing"
     itself = (
         f"{self_seeing:.1%} of the pixels mirror the object itself; they were left out of the fit"
         if self_seeing > 0
         else "no pixel looked at mirrors the object itself"
     )
+    above = "the 49 taps have none" if taps else "light from below the surface is not counted"
+    lamps = f"{lights} directional lights" if lights else "the scene has no directional lights"
+    guarded = taps and "glossy" in types
     rows = [
-        ("reflection", True, "a metal shows nothing else"),
-        ("blur", True, "the roughness is fitted"),
-        ("horizon", not taps, "the 49 taps have none" if taps else "light from below the surface is not counted"),
-        ("light-reflection", False, "the scene has no directional lights"),
-        ("diffuse-irradiance", False, "metals have no diffuse part"),
-        ("energy-guard", False, "metals have no diffuse part"),
+        ("reflection", mirrors, found if mirrors else nothing),
+        ("blur", mirrors, "the roughness is fitted" if mirrors else nothing),
+        ("horizon", mirrors and not taps, above if mirrors else nothing),
+        ("light-reflection", mirrors and lights > 0, lamps if mirrors else nothing),
+        ("diffuse-irradiance", scatters, found if scatters else "metals have no diffuse part"),
+        ("energy-guard", guarded, "colour and reflection share the light" if guarded else "nothing calls for it"),
         ("normal-map", False, "none is given"),
         ("color-map", False, "none is given"),
         ("ambient-occlusion", False, "none is given"),
         ("double-bounce", False, "no ambient-occlusion map is given"),
-        ("captured-neighbours", False, "the scene has one object"),
-        ("depth-scaled-blur", False, "the scene has one object"),
+        ("captured-neighbours", False, "pixels that mirror other objects are left out of the fit"),
+        ("depth-scaled-blur", False, "no neighbours are captured"),
         ("self-visibility", False, itself),
         ("interreflection", False, itself),
         ("exact-fresnel", exact, "n and k differ in it alone" if exact else "the viewer's reflectance was asked for"),

@@ -17,7 +17,7 @@ class Fidelity:
 
     Attributes:
         name: of the preset it came from.
-        reflectance: "conductor" (exact) or "lazanyi" (the thesis's; sees F0 only).
+        reflectance: of metals: "conductor" (exact) or "lazanyi" (the thesis's; sees F0 only).
         lobe: microfacet distribution, or "taps" for the thesis's blur.
         samples: directions per pixel and roughness level in the final table, a multiple of 4; 49 for taps.
         search_samples: the same while the roughness is still unknown.
@@ -40,6 +40,12 @@ class Fidelity:
     levels: int
     degree: int
     spans: tuple[float, ...] = (1.25,)
+
+    def reflectance_of(self, kind: str) -> str:
+        """The formula of the reflectance of one type of material."""
+        if kind == "metal":
+            return self.reflectance
+        return "dielectric" if kind == "glossy" and self.reflectance == "conductor" else "schlick"
 
 
 PRESETS = {

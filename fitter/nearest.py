@@ -24,7 +24,7 @@ def nearest_metals(x: Tensor, coordinates: MetalCoordinates, spread: Spread) -> 
     cos_d = torch.tensor(COS_D, dtype=torch.float64)[:, None]
 
     def curve(free: Tensor) -> Tensor:
-        metal = coordinates.metal(free)
+        metal = coordinates.material(free)
         return fresnel.conductor(cos_d, metal.n, metal.k).flatten()
 
     fitted, sigma = curve(x), standard_errors(curve, x, spread).clamp_min(FLOOR)

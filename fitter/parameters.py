@@ -1,8 +1,9 @@
-"""The unknowns of a metal: between physical quantities and the free vector that a solver may move anywhere."""
+"""The unknowns of a material: between physical quantities and the free vector that a solver may move anywhere."""
 
 from __future__ import annotations
 
 import math
+from abc import ABC, abstractmethod
 from dataclasses import dataclass
 
 import torch
@@ -11,36 +12,72 @@ from torch import Tensor
 from torch.nn.functional import softplus
 
 from shaders import fresnel
-from shaders.materials import Metal
+from shaders.materials import Glossy, Material, Matte, Metal
 
 _REACH = 30.0  # 1 - tanh² = 1e-25: float64 holds two more digits
+TINT_WIDTH = 1.5  # of artanh(log n / log m); the catalogue's metals lie within ±1
 _MOST_REFLECTIVE = 9.2  # F0 = 0.9999, which no metal exceeds; n and k stay below 1e5 where a fit runs into it
 
 
 @dataclass(frozen=True)
 class Interval:
-    """An open interval of roughness, on a linear or a logarithmic scale, as the image of the whole real line."""
+    """An open interval, on a linear or a logarithmic scale, as the image of the whole real line."""
 
     low: float
     high: float
-    logarithmic: bool
+    logarithmic: bool = False
 
-    def value(self, free: Float[Tensor, ""]) -> Float[Tensor, ""]:
+    def value(self, free: Float[Tensor, "*q"]) -> Float[Tensor, "*q"]:
         """low + (high - low)·sigmoid(free), or the same between the logarithms."""
         share = torch.sigmoid(free)
         if self.logarithmic:
             return self.low * (self.high / self.low) ** share
         return self.low + (self.high - self.low) * share
 
-    def free(self, value: Float[Tensor, ""]) -> Float[Tensor, ""]:
+    def free(self, value: Float[Tensor, "*q"]) -> Float[Tensor, "*q"]:
         """The inverse of `value`."""
         if self.logarithmic:
             return torch.logit((value / self.low).log() / math.log(self.high / self.low))
         return torch.logit((value - self.low) / (self.high - self.low))
 
+    def inside(self, value: Float[Tensor, "*q"]) -> Float[Tensor, "*q"]:
+        """The value moved off the ends, where `free` would be infinite."""
+        margin = 1e-3 * (self.high - self.low)
+        return value.clamp(self.low + margin, self.high - margin)
+
+
+class Coordinates(ABC):
+    """A kind of material as a function of a free vector.
+
+    Attributes:
+        roughness: the interval of roughness; None where the material has none.
+    """
+
+    roughness: Interval | None
+
+    @property
+    @abstractmethod
+    def size(self) -> int:
+        """Length of the free vector."""
+
+    @abstractmethod
+    def material(self, x: Float[Tensor, " x"]) -> Material:
+        """The material of a free vector."""
+
+    @abstractmethod
+    def free(self, material: Material) -> Float[Tensor, " x"]:
+        """The free vector of a material; quantities at the ends of their domains are moved a little inside."""
+
+    def prior(self, x: Float[Tensor, " x"]) -> Float[Tensor, " q"]:
+        """What is known before any photograph, as residuals of standard deviation 1; none by default."""
+        return x[:0]
+
+
+UNIT = Interval(0.0, 1.0)
+
 
 @dataclass(frozen=True)
-class MetalCoordinates:
+class MetalCoordinates(Coordinates):
     """The free vector of a metal: reflectivity per channel, tint per channel, roughness.
 
         F0 = sigmoid(x₀…₂),   n = m^tanh(x₃…₅),   m = (1+√F0)/(1-√F0),   roughness from x₆
@@ -61,7 +98,7 @@ class MetalCoordinates:
     def size(self) -> int:
         return 7 if self.tint is None else 4
 
-    def metal(self, x: Float[Tensor, " x"]) -> Metal:
+    def material(self, x: Float[Tensor, " x"]) -> Metal:
         """The metal of a free vector.
 
         k² = (m - n)(n - 1/m) is written with n = m^t as n² (m^(1-t) - 1)(1 - m^-(1+t)), 1 ± t = 2 sigmoid(±2x₃…₅):
@@ -75,10 +112,74 @@ class MetalCoordinates:
         k = n * (torch.expm1(above) * -torch.expm1(-below)).sqrt()
         return Metal(n, k, self.roughness.value(x[-1]))
 
-    def free(self, metal: Metal) -> Float[Tensor, " x"]:
-        """The free vector of a metal whose quantities lie inside their domains."""
-        parts = [torch.logit(metal.f0), tint_of(metal.n, metal.k), self.roughness.free(metal.roughness)[None]]
+    def free(self, material: Material) -> Float[Tensor, " x"]:
+        assert isinstance(material, Metal)
+        roughness = self.roughness.free(self.roughness.inside(material.roughness))[None]
+        parts = [torch.logit(material.f0), tint_of(material.n, material.k), roughness]
         return torch.cat(parts if self.tint is None else parts[::2])
+
+    def prior(self, x: Float[Tensor, " x"]) -> Float[Tensor, " q"]:
+        """Normal about n = 1 with `TINT_WIDTH`, wider than all metals.
+
+        It moves nothing that the photographs determine; where they do not, it keeps the fit from a mirror of n = 100
+        that looks the same.
+        """
+        return x[3:6] / TINT_WIDTH if self.tint is None else x[:0]
+
+
+@dataclass(frozen=True)
+class GlossyCoordinates(Coordinates):
+    """The free vector of a glossy material: colour per channel, reflectance, roughness, each inside its interval.
+
+    Attributes:
+        roughness: the interval of roughness.
+        reflectance: the interval of reflectance.
+        channels: 3, or 1 where the channels share one reflectance, as a dielectric's nearly do.
+    """
+
+    roughness: Interval
+    reflectance: Interval = UNIT
+    channels: int = 3
+
+    @property
+    def size(self) -> int:
+        return 4 + self.channels
+
+    def material(self, x: Float[Tensor, " x"]) -> Glossy:
+        x = x.clamp(-_REACH, _REACH)
+        reflectance = self.reflectance.value(x[3:-1]).expand(3)
+        return Glossy(UNIT.value(x[:3]), reflectance, self.roughness.value(x[-1]))
+
+    def free(self, material: Material) -> Float[Tensor, " x"]:
+        assert isinstance(material, Glossy)
+        color = UNIT.free(UNIT.inside(material.color))
+        reflectance = self.reflectance.free(self.reflectance.inside(material.reflectance[: self.channels]))
+        return torch.cat([color, reflectance, self.roughness.free(self.roughness.inside(material.roughness))[None]])
+
+
+@dataclass(frozen=True)
+class MatteCoordinates(Coordinates):
+    """The free vector of a matte material: colour per channel, and reflectance for all of them or for each.
+
+    Attributes:
+        channels: 1 or 3, of the reflectance.
+    """
+
+    channels: int = 3
+    roughness = None
+
+    @property
+    def size(self) -> int:
+        return 3 + self.channels
+
+    def material(self, x: Float[Tensor, " x"]) -> Matte:
+        x = x.clamp(-_REACH, _REACH)
+        return Matte(UNIT.value(x[:3]), UNIT.value(x[3:]).expand(3))
+
+    def free(self, material: Material) -> Float[Tensor, " x"]:
+        assert isinstance(material, Matte)
+        parts = (material.color, material.reflectance[: self.channels])
+        return torch.cat([UNIT.free(UNIT.inside(part)) for part in parts])
 
 
 def tint_of(n: Float[Tensor, "3"], k: Float[Tensor, "3"]) -> Float[Tensor, "3"]:

@@ -10,36 +10,31 @@ from pathlib import Path
 import torch
 
 from fitter import quality
-from fitter.curves import reflectance_curve
+from fitter.choice import Choice, fit_type
+from fitter.curves import Curve, reflectance_curve
 from fitter.effects import effects_of
 from fitter.fidelity import PRESETS, Fidelity
+from fitter.loading import Loaded, load
 from fitter.mtl import ordinary_mtl, thesis_mtl
 from fitter.nearest import nearest_metals
-from fitter.photographs import Photograph, read_photograph
-from fitter.report import ViewPictures, comparison_png, render_report
-from fitter.result import (
-    FittedMaterial,
-    InputFile,
-    Model,
-    Result,
-    Time,
-    sha256_of,
-    write_result,
-)
-from fitter.search import Fit, fit_metal, radiance_of
+from fitter.parameters import MetalCoordinates
+from fitter.pixel_model import exact_reflectance, viewer_reflectance
+from fitter.quality import ViewPictures
+from fitter.report import comparison_png, render_report
+from fitter.result import FittedMaterial, Model, Result, Time, write_result
+from fitter.search import Problem
 from fitter.selection import Observations, choose_pixels
+from fitter.setting import Setting
 from fitter.solve import SOLVERS
 from fitter.summary import describe, fitted_material, status_of
 from fitter.uncertainty import Spread, spread
 from fitter.viewer_roughness import viewer_roughness
 from renderer import gbuffer
 from renderer.atomic import replaced_together, write_bytes_atomically, write_text_atomically
-from renderer.environment import Environment, read_environment
 from renderer.errors import InputError
-from renderer.gbuffer import Tracer
-from renderer.mesh import Mesh, Shape
+from renderer.gbuffer import GBuffer, Tracer
 from renderer.picture import draw
-from renderer.scene import Scene, read_scene, read_shape
+from renderer.surroundings import directional_light, surroundings
 from renderer.threads import one_thread_per_operation
 
 Progress = Callable[[str, float], None]
@@ -54,6 +49,7 @@ class FitOptions:
 
     Attributes:
         fidelity: a preset, or one's own.
+        type: of the materials that the scene file leaves open: "metal", "glossy", "matte", or "auto".
         solver: "lm", "adam" or "lbfgs".
         seed: of the choice of pixels and of the integration.
         device: where light tables are integrated, in torch's words.
@@ -61,6 +57,7 @@ class FitOptions:
     """
 
     fidelity: Fidelity = PRESETS["standard"]
+    type: str = "auto"
     solver: str = "lm"
     seed: int = 0
     device: str = "cpu"
@@ -68,21 +65,22 @@ class FitOptions:
 
 
 @dataclass(frozen=True)
-class Loaded:
-    """Everything that was read.
+class FittedPart:
+    """The fit of one of the object's materials.
 
     Attributes:
-        name: of the output files: the mesh file's, or the shape's.
-        material: name of the one material.
+        index: of the material among the mesh's.
+        observed: its pixels.
+        choice: its fit.
+        spread: covariance of the fit's free vector.
+        material: the numbers to report.
     """
 
-    scene: Scene
-    photographs: tuple[Photograph, ...]
-    shape: Shape
-    environment: Environment
-    name: str
-    material: str
-    inputs: tuple[InputFile, ...]
+    index: int
+    observed: Observations
+    choice: Choice
+    spread: Spread
+    material: FittedMaterial
 
 
 def fit_scene(
@@ -92,7 +90,7 @@ def fit_scene(
     progress: Progress = lambda stage, share: None,
     begun: float | None = None,
 ) -> Result:
-    """Fit the material of a scene and write `result.json`, two MTL files and `report.html` into a folder.
+    """Fit the materials of a scene and write `result.json`, two MTL files and `report.html` into a folder.
 
     Files of an earlier result are replaced when all new ones are whole, and not before.
 
@@ -107,32 +105,23 @@ def fit_scene(
         InputError: about the first thing in the input that is wrong.
     """
     began = time.perf_counter() if begun is None else begun
-    fidelity, device = options.fidelity, _device(options.device)
+    device = _device(options.device)
     progress("reading", 0)
     loaded = load(scene_file)
     read = time.perf_counter()
     with one_thread_per_operation(), replaced_together(out) as folder:
         progress("choosing pixels", 0)
         trace = gbuffer.tracer(loaded.shape)
-        observed = choose_pixels(
-            loaded.photographs,
-            trace,
-            scene_file,
-            count=fidelity.pixels,
-            footprint=fidelity.footprint,
-            seed=options.seed,
-        )
         environment = replace(loaded.environment, radiance=loaded.environment.radiance.to(device))
-        solver = SOLVERS[options.solver]
-        fit = fit_metal(observed, environment, fidelity, solver, seed=options.seed, progress=progress)
-        clock = _Clock(began, read, time.perf_counter(), fit.solve_seconds)
+        sources = tuple(directional_light(light) for light in loaded.scene.lights)
+        setting = Setting(environment, sources, options.fidelity, options.seed)
+        parts = _fit_parts(loaded, trace, setting, options, progress, scene_file)
+        solving = sum(part.choice.fit.solve_seconds for part in parts)
+        clock = _Clock(began, read, time.perf_counter(), solving)
         progress("writing the report", 0)
-        uncertainty = spread(fit.residuals, fit.halves, fit.x)
-        views = _views(loaded, trace, fit, environment, fidelity, options.seed)
-        material = _material(loaded, observed, fit, fidelity, uncertainty)
-        result = _result(loaded, observed, fit, material, fidelity, views, clock)
-        curve = reflectance_curve(fit.residuals.model.reflectance, fit.residuals.coordinates, fit.x, uncertainty)
-        page = render_report(result, views, [curve], command=options.command)
+        views = _views(loaded, trace, parts, setting)
+        result = _result(loaded, parts, setting, views, clock)
+        page = render_report(result, views, [_curve(part, setting) for part in parts], command=options.command)
         write_text_atomically(folder / "report.html", page)
         write_bytes_atomically(folder / "comparison.png", comparison_png(views))
         write_text_atomically(folder / f"{loaded.name}.thesis.mtl", thesis_mtl(result.materials))
@@ -140,6 +129,46 @@ def fit_scene(
         result = result.model_copy(update={"time": clock.now()})  # the page cannot know how long it took itself
         write_result(result, folder / "result.json")
     return result
+
+
+def _fit_parts(
+    loaded: Loaded, trace: Tracer, setting: Setting, options: FitOptions, progress: Progress, scene_file: Path
+) -> list[FittedPart]:
+    """Each material from its own pixels."""
+    chosen = choose_pixels(
+        loaded.photographs,
+        trace,
+        scene_file,
+        count=setting.fidelity.pixels,
+        footprint=setting.fidelity.footprint,
+        seed=options.seed,
+        materials=len(loaded.materials),
+    )
+    parts = []
+    for index, (name, observed) in enumerate(zip(loaded.materials, chosen, strict=True)):
+        if observed is not None:
+            problem = Problem(observed, setting, SOLVERS[options.solver], _labelled(progress, name, len(chosen)))
+            choice = fit_type(problem, loaded.kind(name, options.type))
+            parts.append(_part(index, name, observed, choice, setting))
+    return parts
+
+
+def _labelled(progress: Progress, name: str, count: int) -> Progress:
+    """Progress that names the material where there are several."""
+    return progress if count == 1 else lambda stage, share: progress(f"{name}: {stage}", share)
+
+
+def _part(index: int, name: str, observed: Observations, choice: Choice, setting: Setting) -> FittedPart:
+    fit = choice.fit
+    uncertainty = spread(fit.residuals, fit.halves, fit.x)
+    coordinates = fit.residuals.coordinates
+    nearest = nearest_metals(fit.x, coordinates, uncertainty) if isinstance(coordinates, MetalCoordinates) else ()
+    rho = None
+    if setting.fidelity.lobe != "taps" and fit.material.type != "matte":
+        near = replace(setting.environment, radiance=setting.environment.radiance.cpu())
+        light = replace(surroundings(near), sources=setting.sources)
+        rho = viewer_roughness(observed, light, fit.material)
+    return FittedPart(index, observed, choice, uncertainty, fitted_material(name, fit, uncertainty, rho, nearest))
 
 
 @dataclass(frozen=True)
@@ -175,65 +204,16 @@ def _device(name: str) -> torch.device:
     return device
 
 
-def load(scene_file: Path) -> Loaded:
-    """Read and check a scene with all its files.
-
-    Raises:
-        InputError: a file or field is wrong, or asks for what this version does not do.
-    """
-    scene = read_scene(scene_file)
-    _require_supported(scene, scene_file)
-    shape = read_shape(scene.geometry)
-    name, *further = shape.material_names if isinstance(shape, Mesh) else ("default",)
-    if further:
-        expected = f"a mesh of one material; this one names {', '.join([name, *further])}"
-        raise InputError(scene_file, "geometry.mesh", scene.geometry.mesh or "", expected)
-    photographs = tuple(read_photograph(spec, scene_file, i) for i, spec in enumerate(scene.photographs))
-    light = scene.environment
-    environment = read_environment(light.map, rotation=light.rotation, scale=light.scale)
-    given = scene.materials[0].name if scene.materials else name
-    if isinstance(shape, Mesh) and given != name:
-        raise InputError(scene_file, "materials[0].name", given, f"the name of the mesh's material, {name}")
-    stem = scene.geometry.mesh.stem if scene.geometry.mesh else str(scene.geometry.shape)
-    return Loaded(scene, photographs, shape, environment, stem, given, _inputs(scene, scene_file))
+def _curve(part: FittedPart, setting: Setting) -> Curve | None:
+    """The reflectance curve of what mirrors."""
+    fit = part.choice.fit
+    if fit.material.type == "matte":
+        return None
+    reflectance = viewer_reflectance if setting.fidelity.lobe == "taps" else exact_reflectance
+    return reflectance_curve(reflectance, fit.residuals.coordinates, fit.x, part.spread)
 
 
-def _require_supported(scene: Scene, scene_file: Path) -> None:
-    """Refuse what the contract of scene.toml allows and this version would otherwise silently ignore."""
-    if scene.lights:
-        raise InputError(scene_file, "lights", "a list", "no directional lights: only environments are fitted so far")
-    for i, photograph in enumerate(scene.photographs):
-        if photograph.exposure == "fit":
-            expected = "a number: exposures are not fitted so far"
-            raise InputError(scene_file, f"photographs[{i}].exposure", '"fit"', expected)
-    for i, material in enumerate(scene.materials):
-        if material.type not in ("auto", "metal"):
-            expected = "metal or auto: only metals are fitted so far"
-            raise InputError(scene_file, f"materials[{i}].type", material.type, expected)
-    if len(scene.materials) > 1:
-        raise InputError(
-            scene_file, "materials", f"{len(scene.materials)} tables", "one: scenes have one material so far"
-        )
-
-
-def _inputs(scene: Scene, scene_file: Path) -> tuple[InputFile, ...]:
-    given = [scene_file, scene.cameras, scene.geometry.mesh]
-    given += sorted(scene.environment.map.iterdir()) if scene.environment.map.is_dir() else [scene.environment.map]
-    given += [path for photograph in scene.photographs for path in (photograph.image, photograph.mask)]
-    return tuple(
-        InputFile(path=str(path), sha256=sha256_of(path)) for path in given if path is not None and path.is_file()
-    )
-
-
-def _material(
-    loaded: Loaded, observed: Observations, fit: Fit, fidelity: Fidelity, uncertainty: Spread
-) -> FittedMaterial:
-    nearest = nearest_metals(fit.x, fit.residuals.coordinates, uncertainty)
-    rho = None if fidelity.lobe == "taps" else viewer_roughness(observed, loaded.environment, fit.metal)
-    return fitted_material(loaded.material, fit, uncertainty, rho, nearest)
-
-
-def _remarks(loaded: Loaded, fidelity: Fidelity) -> list[str]:
+def _remarks(loaded: Loaded, parts: Sequence[FittedPart], fidelity: Fidelity) -> list[str]:
     """What of the input was left out or replaced, and what the model cannot follow, a sentence each."""
     clipped, nonfinite = (sum(getattr(p, key) for p in loaded.photographs) for key in ("clipped", "nonfinite"))
     counts = [
@@ -242,7 +222,11 @@ def _remarks(loaded: Loaded, fidelity: Fidelity) -> list[str]:
         (nonfinite, "pixels of the photographs were not finite and were left out"),
     ]
     remarks = [f"{count} {sentence}." for count, sentence in counts if count]
-    if fidelity.lobe == "taps":
+    fitted = {part.index for part in parts}
+    unseen = [name for index, name in enumerate(loaded.materials) if index not in fitted]
+    if unseen:
+        remarks.append(f"No photograph shows {', '.join(unseen)}: the result leaves it out.")
+    if fidelity.lobe == "taps" and any(part.material.type != "matte" for part in parts):
         remarks.append(
             "The viewer's blur follows no real lobe closely: F0 and roughness make up for the difference, which their"
             " errors do not count."
@@ -250,20 +234,31 @@ def _remarks(loaded: Loaded, fidelity: Fidelity) -> list[str]:
     return remarks
 
 
-def _views(
-    loaded: Loaded, trace: Tracer, fit: Fit, environment: Environment, fidelity: Fidelity, seed: int
-) -> list[ViewPictures]:
-    """Each photograph beside the fitted material's picture of the same pixels."""
+def _message(loaded: Loaded, parts: Sequence[FittedPart], fidelity: Fidelity) -> str:
+    """What there is to say of each material, and of the input."""
+    told = [describe(part.choice, part.material) for part in parts]
+    if len(loaded.materials) > 1:
+        told = [f"{part.material.name}: {sentences}" for part, sentences in zip(parts, told, strict=True)]
+    return " ".join([*told, *_remarks(loaded, parts, fidelity)])
+
+
+def _views(loaded: Loaded, trace: Tracer, parts: Sequence[FittedPart], setting: Setting) -> list[ViewPictures]:
+    """Each photograph beside the fitted materials' picture of the same pixels."""
+    fidelity = setting.fidelity
+
+    def shade(surface: GBuffer) -> torch.Tensor:
+        radiance = torch.zeros(len(surface.hit), 3, dtype=torch.float64)
+        for part in parts:
+            own = surface.material[:, 0] == part.index
+            if own.any():
+                samples = fidelity.samples // FEWER_SHOWN
+                radiance[own] = setting.radiance(part.choice.fit.material, surface[own], samples)
+        return radiance
+
     views = []
-    shown_samples = fidelity.samples // FEWER_SHOWN
     for photograph in loaded.photographs:
-        picture = draw(
-            trace,
-            photograph.camera,
-            photograph.mask,
-            min(fidelity.footprint, SHOWN_FOOTPRINT),
-            lambda surface: radiance_of(fit.metal, surface, environment, fidelity, samples=shown_samples, seed=seed),
-        )
+        footprint = min(fidelity.footprint, SHOWN_FOOTPRINT)
+        picture = draw(trace, photograph.camera, photograph.mask, footprint, shade)
         seen = photograph.radiance[:: picture.step, :: picture.step]
         exposure = 1.0 if photograph.exposure == "fit" else photograph.exposure
         shown = [(radiance * exposure).numpy() for radiance in (seen, picture.radiance)]
@@ -272,30 +267,27 @@ def _views(
 
 
 def _result(
-    loaded: Loaded,
-    observed: Observations,
-    fit: Fit,
-    material: FittedMaterial,
-    fidelity: Fidelity,
-    views: Sequence[ViewPictures],
-    clock: _Clock,
+    loaded: Loaded, parts: Sequence[FittedPart], setting: Setting, views: Sequence[ViewPictures], clock: _Clock
 ) -> Result:
+    fidelity, materials = setting.fidelity, tuple(part.material for part in parts)
     exposure = [1.0 if p.exposure == "fit" else p.exposure for p in loaded.photographs]
+    types = {material.type for material in materials}
+    self_seeing = sum(part.observed.self_seeing for part in parts) / len(parts)
     return Result(
-        status=status_of(fit, material),
-        message=describe(fit, material, _remarks(loaded, fidelity)),
-        materials=(material,),
+        status=status_of([part.choice for part in parts], materials),
+        message=_message(loaded, parts, fidelity),
+        materials=materials,
         quality=quality.assess(views),
         exposure=tuple(exposure),
         model=Model(
             fidelity=fidelity.name,
-            reflectance=fidelity.reflectance,
+            reflectance=", ".join(fidelity.reflectance_of(kind) for kind in sorted(types, reverse=True)),
             lobe=fidelity.lobe,
             samples=fidelity.samples,
-            pixels=len(observed.radiance),
+            pixels=sum(len(part.observed.radiance) for part in parts),
             dtype="float32",
         ),
-        effects=effects_of(fidelity, observed.self_seeing),
+        effects=effects_of(fidelity, types, len(setting.sources), self_seeing),
         time=clock.now(),
         inputs=loaded.inputs,
     )

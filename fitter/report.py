@@ -46,13 +46,15 @@ class Row:
     determined: str
 
 
-def render_report(result: Result, views: Sequence[ViewPictures], curves: Sequence[Curve], *, command: str = "") -> str:
+def render_report(
+    result: Result, views: Sequence[ViewPictures], curves: Sequence[Curve | None], *, command: str = ""
+) -> str:
     """The report as one HTML page: pictures, curves and style inside, nothing loaded from elsewhere.
 
     Args:
         result: what was found; everything shown but the pictures comes from it.
         views: the pictures of each photograph, in the result's order, with its names.
-        curves: the reflectance curve of each material, in the result's order.
+        curves: the reflectance curve of each material, in the result's order; None for one that mirrors nothing.
         command: the command line that made the result, shown as it is; "" shows none.
 
     Returns:
@@ -77,7 +79,11 @@ def render_report(result: Result, views: Sequence[ViewPictures], curves: Sequenc
         difference_range=DIFFERENCE_RANGE,
         difference_colors=difference_colors(),
         tables=[(material, list(_rows(material))) for material in result.materials],
-        curves=[_plot(curve, material, known) for curve, material in zip(curves, result.materials, strict=True)],
+        curves=[
+            (material.name, _plot(curve, material, known))
+            for curve, material in zip(curves, result.materials, strict=True)
+            if curve is not None
+        ],
         time=_shares(result),
         command=command,
     )

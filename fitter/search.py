@@ -1,10 +1,11 @@
-"""The fit of one metal: light tables, a start that knows nothing, and two rounds of least squares."""
+"""The fit of one material of a known type: light tables, a start that knows nothing, and rounds of least squares."""
 
 from __future__ import annotations
 
 import functools
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import torch
 from jaxtyping import Float
@@ -12,31 +13,79 @@ from torch import Tensor
 
 from fitter.catalogue import read_catalogue
 from fitter.fidelity import BLUR_RANGE, MICROFACET_RANGE, Fidelity
-from fitter.parameters import Interval, MetalCoordinates, tint_of
-from fitter.residuals import REFLECTANCES, PixelModel, Residuals, relative_weight, scatter
+from fitter.parameters import Coordinates, GlossyCoordinates, Interval, MatteCoordinates, MetalCoordinates, tint_of
+from fitter.pixel_model import PixelModel
+from fitter.residuals import Residuals, relative_weight, scatter
+from fitter.result import MaterialType
 from fitter.selection import Observations
+from fitter.setting import Setting
 from fitter.solve import ROUGH, Solution, Solver
-from renderer import cubemap, transport
-from renderer.environment import Environment
-from renderer.gbuffer import GBuffer
-from renderer.surroundings import VIEWER_FACE_SIZE
+from fitter.starts import STARTS
 from renderer.transport import LightTable
 from shaders import fresnel
-from shaders.materials import Metal
+from shaders.materials import Material, Metal
 
 Progress = Callable[[str, float], None]
 
 SEARCH_SCATTER = 0.03  # of the relative difference, while nothing is known of it yet
 EXACT = 1e-9  # least scatter, where photographs are noiseless and there is nothing but rounding
 MORE_ROUNDS = 3  # where the roughness runs into an end of the last span
+DIELECTRIC = Interval(0.0, 0.5)  # reflectance; diamond's is 0.17
+
+
+@dataclass(frozen=True)
+class Problem:
+    """What is to be explained, and by which means.
+
+    Attributes:
+        observed: the pixels.
+        setting: the light, and how accurately to compute it.
+        solver: least squares.
+        progress: told the stage and its share done.
+    """
+
+    observed: Observations
+    setting: Setting
+    solver: Solver
+    progress: Progress
+
+    @property
+    def fidelity(self) -> Fidelity:
+        return self.setting.fidelity
+
+    @property
+    def whole(self) -> tuple[float, float]:
+        """The range of roughness."""
+        return BLUR_RANGE if self.fidelity.lobe == "taps" else MICROFACET_RANGE
+
+    def table(self, span: tuple[float, float], levels: int, samples: int, stage: str) -> LightTable:
+        report = functools.partial(self.progress, stage)
+        return self.setting.table(self.observed.surface, (*span, levels), samples, report)
+
+    @cached_property
+    def search_table(self) -> LightTable:
+        """A coarse table over all roughnesses, which all types share."""
+        return self.table(self.whole, self.fidelity.search_levels, self.fidelity.search_samples, "searching")
+
+    @cached_property
+    def _surface(self) -> PixelModel:
+        return self.setting.pixels(self.observed.surface, body=False)
+
+    @cached_property
+    def _body(self) -> PixelModel:
+        return self.setting.pixels(self.observed.surface, body=True)
+
+    def pixels(self, kind: MaterialType) -> PixelModel:
+        """The pixels' model, with what that type calls for and nothing else, and without a table so far."""
+        return self._surface if kind == "metal" else self._body
 
 
 @dataclass(frozen=True)
 class Fit:
-    """A finished fit.
+    """A fit of one type, finished or a draft.
 
     Attributes:
-        metal: what was found.
+        material: what was found.
         x: its free vector.
         residuals: of the last round.
         halves: the same with either half of the light table's samples.
@@ -44,152 +93,108 @@ class Fit:
         solve_seconds: time spent in solvers, over all rounds.
     """
 
-    metal: Metal
-    x: Float[Tensor, " x"]
     residuals: Residuals
-    halves: tuple[Residuals, Residuals]
     solution: Solution
     solve_seconds: float
 
+    @property
+    def x(self) -> Float[Tensor, " x"]:
+        return self.solution.x
 
-def fit_metal(
-    observed: Observations,
-    environment: Environment,
-    fidelity: Fidelity,
-    solver: Solver,
-    *,
-    seed: int,
-    progress: Progress,
-) -> Fit:
-    """Fit one metal to the observed pixels.
+    @property
+    def material(self) -> Material:
+        return self.residuals.coordinates.material(self.x)
 
-    A coarse table over all roughnesses serves the search; finer ones around the roughness found serve the rest, the
-    last of them laid anew where the roughness leaves it.
+    @property
+    def halves(self) -> tuple[Residuals, Residuals]:
+        model = self.residuals.model
+        first, second = (replace(self.residuals, model=model.half(which)) for which in (0, 1))
+        return first, second
 
-    Args:
-        observed: the pixels.
-        environment: the light.
-        fidelity: how accurately.
-        solver: least squares.
-        seed: of the integration.
-        progress: told the stage and its share done.
-    """
-    whole = BLUR_RANGE if fidelity.lobe == "taps" else MICROFACET_RANGE
+    @cached_property
+    def picture(self) -> Float[Tensor, "p 3"]:
+        """Radiance of the material found, at the observed pixels."""
+        return self.residuals.model.radiance(self.material)
 
-    def table_of(span: tuple[float, float], levels: int, samples: int, stage: str) -> LightTable:
-        report = functools.partial(progress, stage)
-        return light_table(observed.surface, environment, fidelity, (*span, levels), samples, seed, report)
 
-    table = table_of(whole, fidelity.search_levels, fidelity.search_samples, "searching")
-    residuals, start = _search_round(table, observed, fidelity)
-    solutions = [solver(residuals, residuals.coordinates.free(start), ROUGH)]
-    metal = residuals.coordinates.metal(solutions[-1].x)
+def fit_material(problem: Problem, kind: MaterialType) -> Fit:
+    """Fit a material of one type to the observed pixels."""
+    return refined(problem, draft(problem, kind))
+
+
+def draft(problem: Problem, kind: MaterialType) -> Fit:
+    """A first fit from a start that knows nothing, by a coarse table over all roughnesses."""
+    model, seen = problem.pixels(kind), problem.observed.radiance
+    if kind != "matte":
+        model = model.under(problem.search_table)
+    weight = relative_weight(seen)
+    start = STARTS[kind](model, seen, weight)
+    coordinates = _coordinates(start, model, problem.fidelity)
+    residuals = Residuals(model, coordinates, seen, weight, SEARCH_SCATTER)
+    solution = problem.solver(residuals, coordinates.free(start), ROUGH)
+    return Fit(residuals, solution, solution.seconds)
+
+
+def refined(problem: Problem, rough: Fit) -> Fit:
+    """The draft made precise: finer tables around its roughness, the last of them laid anew where it leaves them."""
+    fidelity, fit = problem.fidelity, rough
+    if isinstance(fit.residuals.coordinates, MatteCoordinates):
+        return _next_round(problem, fit, None)
     spans = [*fidelity.spans, *[fidelity.spans[-1]] * MORE_ROUNDS]
     for done, factor in enumerate(spans, start=1):
-        span = _span_around(float(metal.roughness), factor, whole)
-        table = table_of(span, fidelity.levels, fidelity.samples, "integrating")
-        residuals = _refined_round(table, observed, residuals, metal)
-        solutions.append(solver(residuals, residuals.coordinates.free(_inside(metal, residuals.coordinates.roughness))))
-        metal = residuals.coordinates.metal(solutions[-1].x)
-        if done >= len(fidelity.spans) and not _at_an_end(float(metal.roughness), span, whole):
+        span = _span_around(_roughness(fit), factor, problem.whole)
+        table = problem.table(span, fidelity.levels, fidelity.samples, "integrating")
+        fit = _next_round(problem, fit, table)
+        if done >= len(fidelity.spans) and not _at_an_end(_roughness(fit), span, problem.whole):
             break
-    halves = (_of_half(residuals, 0), _of_half(residuals, 1))
-    return Fit(metal, solutions[-1].x, residuals, halves, solutions[-1], sum(each.seconds for each in solutions))
+    return fit
 
 
-def _search_round(table: LightTable, observed: Observations, fidelity: Fidelity) -> tuple[Residuals, Metal]:
-    """The first problem, and a start for it that knows nothing of the metal."""
-    model = PixelModel.of(table, REFLECTANCES[fidelity.reflectance])
-    weight = relative_weight(observed.radiance)
-    start = coarse_start(model, observed.radiance, weight)
-    coordinates = _coordinates(table, fidelity, start)
-    start = _inside(start, coordinates.roughness)
-    return Residuals(model, coordinates, observed.radiance, weight, SEARCH_SCATTER), start
+def _next_round(problem: Problem, before: Fit, table: LightTable | None) -> Fit:
+    """The next problem, its weights and its scatter taken from the material found so far, and its solution.
 
-
-def _refined_round(table: LightTable, observed: Observations, before: Residuals, metal: Metal) -> Residuals:
-    """The next problem, its weights and its scatter taken from the metal found so far.
-
-    Weights come from that metal's picture and not from the photographs: dividing by a noisy value would favour its
-    low outcomes and darken the metal by the noise's variance. Only where the lobe is the viewer's, which follows no
+    Weights come from that material's picture and not from the photographs: dividing by a noisy value would favour its
+    low outcomes and darken the material by the noise's variance. Only where the lobe is the viewer's, which follows no
     photograph closely, do they stay with the photographs: a picture far off would weigh its own mistakes.
     """
-    model = PixelModel.of(table, before.model.reflectance)
-    picture = model.radiance(metal)
-    weight = before.weight if table.scale == "linear" else relative_weight(picture)
-    scattered = scatter((picture - observed.radiance) * weight)
-    roughness = replace(before.coordinates.roughness, low=table.low, high=table.high)
-    coordinates = replace(before.coordinates, roughness=roughness)
-    return Residuals(model, coordinates, observed.radiance, weight, max(scattered, EXACT))
+    seen, coordinates = problem.observed.radiance, before.residuals.coordinates
+    model = before.residuals.model.under(table)
+    picture = model.radiance(before.material)
+    weight = before.residuals.weight if problem.fidelity.lobe == "taps" else relative_weight(picture)
+    scattered = scatter((picture - seen) * weight)
+    if table is not None:
+        coordinates = replace(coordinates, roughness=_interval(table))  # type: ignore[call-arg]
+    residuals = Residuals(model, coordinates, seen, weight, max(scattered, EXACT))
+    solution = problem.solver(residuals, coordinates.free(before.material))
+    return Fit(residuals, solution, before.solve_seconds + solution.seconds)
 
 
-def _of_half(residuals: Residuals, which: int) -> Residuals:
-    """The same problem with the table of one half of the samples."""
-    return replace(residuals, model=PixelModel.of(residuals.model.table.half(which), residuals.model.reflectance))
+def _coordinates(start: Material, model: PixelModel, fidelity: Fidelity) -> Coordinates:
+    """The unknowns of the start's type; outside the viewer's model dielectrics reflect all channels alike."""
+    viewers = fidelity.lobe == "taps"
+    channels = 3 if viewers else 1
+    if model.table is None:
+        return MatteCoordinates(channels)
+    roughness = _interval(model.table)
+    if not isinstance(start, Metal):
+        return GlossyCoordinates(roughness, Interval(0.0, 1.0) if viewers else DIELECTRIC, channels)
+    return MetalCoordinates(roughness, _known_tint(start) if viewers else None)
 
 
-def radiance_of(
-    metal: Metal, surface: GBuffer, environment: Environment, fidelity: Fidelity, *, samples: int, seed: int
-) -> Float[Tensor, "p 3"]:
-    """The radiance of one metal, float64, by a table that holds its roughness alone."""
-    roughness = float(metal.roughness)
-    span = (roughness * 0.999, roughness * 1.001, 1)  # the one level lies in their middle
-    table = light_table(surface, environment, fidelity, span, samples, seed)
-    return PixelModel.of(table, REFLECTANCES[fidelity.reflectance]).radiance(metal)
-
-
-def coarse_start(model: PixelModel, photograph: Float[Tensor, "p 3"], weight: Float[Tensor, "p 3"]) -> Metal:
-    """The best of the table's own roughnesses for a metal of flat reflectance, whose F0 is then a linear fit.
-
-        F0 = Σ w² m y / Σ w² m²,   m the picture of a perfect mirror of that roughness
-
-    Returns:
-        that roughness, that F0 within [0.05, 0.95], and n = 1, the middle of what F0 admits: no metal in particular.
-    """
-    mirror = model.light[:, :, 0]  # the first Chebyshev polynomial is 1: light under F = 1
-    product, square = (weight**2 * mirror * photograph).sum(1), (weight**2 * mirror**2).sum(1)
-    f0 = (product / square.clamp_min(torch.finfo(square.dtype).tiny)).clamp(0.05, 0.95)
-    error = ((f0[:, None] * mirror - photograph) * weight).abs().mean((1, 2))
-    best = int(error.argmin())
-    levels = transport.levels(model.table.low, model.table.high, len(error), model.table.scale)
-    n = torch.ones_like(f0[best])
-    return Metal(n, fresnel.extinction(f0[best], n), torch.tensor(levels[best], dtype=torch.float64))
-
-
-def _coordinates(table: LightTable, fidelity: Fidelity, start: Metal) -> MetalCoordinates:
-    roughness = Interval(table.low, table.high, table.scale == "log")
-    if fidelity.reflectance == "conductor":
-        return MetalCoordinates(roughness)
-    # Lazányi's reflectance sees F0 alone: n and k are taken from the catalogue's metal with the nearest colour.
+def _known_tint(start: Metal) -> Float[Tensor, "3"]:
+    """Lazányi's reflectance sees F0 alone: n and k are taken from the catalogue's metal with the nearest colour."""
     known = [(torch.tensor(m.n, dtype=torch.float64), torch.tensor(m.k, dtype=torch.float64)) for m in read_catalogue()]
     distance = [float((fresnel.normal_reflectance(n, k) - start.f0).norm()) for n, k in known]
-    return MetalCoordinates(roughness, tint_of(*known[min(range(len(known)), key=distance.__getitem__)]))
+    return tint_of(*known[min(range(len(known)), key=distance.__getitem__)])
 
 
-def light_table(
-    surface: GBuffer,
-    environment: Environment,
-    fidelity: Fidelity,
-    levels: tuple[float, float, int],
-    samples: int,
-    seed: int,
-    progress: Callable[[float], None] = lambda share: None,
-) -> LightTable:
-    """The table of a fidelity's lobe; `levels` are the ends of its roughness and their number."""
-    if fidelity.lobe == "taps":
-        on_cpu = replace(environment, radiance=environment.radiance.cpu())  # 49 taps are not worth the way
-        faces = cubemap.from_environment(on_cpu, VIEWER_FACE_SIZE)
-        return transport.tap_table(surface, faces, levels, degree=fidelity.degree)
-    return transport.microfacet_table(
-        surface,
-        environment,
-        levels,
-        distribution=fidelity.lobe,
-        degree=fidelity.degree,
-        samples=samples,
-        seed=seed,
-        progress=progress,
-    )
+def _interval(table: LightTable) -> Interval:
+    return Interval(table.low, table.high, table.scale == "log")
+
+
+def _roughness(fit: Fit) -> float:
+    material = fit.material
+    return 0.0 if material.type == "matte" else float(material.roughness)
 
 
 def _span_around(roughness: float, factor: float, whole: tuple[float, float]) -> tuple[float, float]:
@@ -197,12 +202,6 @@ def _span_around(roughness: float, factor: float, whole: tuple[float, float]) ->
     low, high = whole
     centre = min(max(roughness, low * factor), high / factor)
     return centre / factor, centre * factor
-
-
-def _inside(metal: Metal, roughness: Interval) -> Metal:
-    """The metal with its roughness moved off the ends of its interval, where the free vector would be infinite."""
-    margin = 1e-3 * (roughness.high - roughness.low)
-    return replace(metal, roughness=metal.roughness.clamp(roughness.low + margin, roughness.high - margin))
 
 
 def _at_an_end(roughness: float, span: tuple[float, float], whole: tuple[float, float]) -> bool:

@@ -22,7 +22,7 @@ CANDIDATES = 4  # per pixel that is wanted, so that the rare grazing ones are am
 
 @dataclass(frozen=True)
 class Observations:
-    """Pixels chosen for the fit.
+    """Pixels chosen for the fit of one material.
 
     Attributes:
         surface: [p, k] rays inside each pixel.
@@ -36,31 +36,54 @@ class Observations:
 
 
 def choose_pixels(
-    photographs: Sequence[Photograph], trace: Tracer, scene_file: Path, *, count: int, footprint: int, seed: int
-) -> Observations:
-    """At most `count` pixels, spread evenly over the angles at which the surface is seen.
+    photographs: Sequence[Photograph],
+    trace: Tracer,
+    scene_file: Path,
+    *,
+    count: int,
+    footprint: int,
+    seed: int,
+    materials: int = 1,
+) -> list[Observations | None]:
+    """At most `count` pixels of each material, spread evenly over the angles at which the surface is seen.
 
     Only near grazing angles does reflectance tell n from k, and a photograph has few pixels there; an even spread
-    keeps them. Pixels whose footprint leaves the front of the object are never taken; those that mirror the object
-    itself only where a photograph has no others.
+    keeps them. Pixels whose footprint leaves the front of the object or the material are never taken; those that
+    mirror the object itself only where a photograph has no others.
 
     Args:
         photographs: each contributes the same number of pixels, as far as it has them.
         trace: of the object.
         scene_file: for the error's sentence.
-        count: pixels wanted, over all photographs.
+        count: pixels wanted of each material, over all photographs.
         footprint: rays along each side of a pixel.
         seed: of the choice among many.
+        materials: how many the object has.
+
+    Returns:
+        for each material its pixels; None where no photograph has any.
 
     Raises:
         InputError: a camera sees nothing of the object where its mask is, or sees it from inside.
     """
     generator = torch.Generator().manual_seed(seed)
     quota = -(-count // len(photographs))
-    parts = [
-        _observe(photograph, trace, (scene_file, f"photographs[{i}].camera"), quota, footprint, generator)
-        for i, photograph in enumerate(photographs)
-    ]
+    parts: list[list[Observations]] = [[] for _ in range(materials)]
+    for i, photograph in enumerate(photographs):
+        place = (scene_file, f"photographs[{i}].camera")
+        candidates = _candidates(photograph, trace, place, CANDIDATES * quota * materials, generator)
+        found = [_observe(photograph, trace, candidates, index, quota, footprint) for index in range(materials)]
+        if not any(found):
+            raise InputError(*place, value="", expected="a pixel that the object covers wholly; come nearer")
+        for part, each in zip(parts, found, strict=True):
+            part += [each] if each is not None else []
+    return [_joined(part, count) for part in parts]
+
+
+def _joined(parts: list[Observations], count: int) -> Observations | None:
+    """The pixels of all photographs."""
+    if not parts:
+        return None
     return Observations(
         gbuffer.concatenate([part.surface for part in parts])[:count],
         torch.cat([part.radiance for part in parts])[:count],
@@ -68,30 +91,45 @@ def choose_pixels(
     )
 
 
-def _observe(
-    photograph: Photograph,
-    trace: Tracer,
-    place: tuple[Path, str],
-    quota: int,
-    footprint: int,
-    generator: torch.Generator,
-) -> Observations:
+@dataclass(frozen=True)
+class _Candidates:
+    """Pixels of one photograph that see the object's front: [p, 2] row and column, and the ray of each centre."""
+
+    pixels: Int[Tensor, "p 2"]
+    centres: GBuffer
+
+    def of(self, material: int) -> _Candidates:
+        chosen = self.centres.material == material
+        return _Candidates(self.pixels[chosen], self.centres[chosen])
+
+
+def _candidates(
+    photograph: Photograph, trace: Tracer, place: tuple[Path, str], most: int, generator: torch.Generator
+) -> _Candidates:
     pixels = photograph.mask.nonzero()
-    pixels = pixels[torch.randperm(len(pixels), generator=generator)[: CANDIDATES * quota]]
+    pixels = pixels[torch.randperm(len(pixels), generator=generator)[:most]]
     centres = gbuffer.pixel_footprints(trace, photograph.camera, pixels[:, 1], pixels[:, 0], 1)[:, 0]
     _require_front(centres, place)
-    pixels, centres = pixels[centres.front], centres[centres.front]
-    mirrors_itself = sees_itself(trace, centres)
+    return _Candidates(pixels[centres.front], centres[centres.front])
+
+
+def _observe(
+    photograph: Photograph, trace: Tracer, candidates: _Candidates, material: int, quota: int, footprint: int
+) -> Observations | None:
+    """The pixels of one material in one photograph, if it has any."""
+    own = candidates.of(material)
+    if not len(own.pixels):
+        return None
+    mirrors_itself = sees_itself(trace, own.centres)
     usable = ~mirrors_itself if not mirrors_itself.all() else mirrors_itself
-    pixels, n_dot_v = pixels[usable], centres.n_dot_v[usable]
+    pixels, n_dot_v = own.pixels[usable], own.centres.n_dot_v[usable]
     pixels = pixels[_evenly_by_angle(n_dot_v, quota + quota // 8)]  # some will not be whole
     surface = gbuffer.pixel_footprints(trace, photograph.camera, pixels[:, 1], pixels[:, 0], footprint)
-    whole = surface.front.all(-1)
-    if not whole.any():
-        raise InputError(*place, value="", expected="a pixel that the object covers wholly; come nearer")
+    whole = (surface.front & (surface.material == material)).all(-1)
     row, column = pixels[whole][:quota].T
     radiance = photograph.radiance[row, column].double()
-    return Observations(surface[whole][:quota], radiance, float(mirrors_itself.double().mean()))
+    found = Observations(surface[whole][:quota], radiance, float(mirrors_itself.double().mean()))
+    return found if len(radiance) else None
 
 
 def _require_front(centres: GBuffer, place: tuple[Path, str]) -> None:

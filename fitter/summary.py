@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 from torch import Tensor
 
+from fitter.choice import DECISIVE, Choice
 from fitter.result import (
     Determined,
     FittedMaterial,
@@ -23,6 +25,26 @@ from fitter.viewer_roughness import RHO_PER_ALPHA, ViewerRoughness
 CHANNELS = ("red", "green", "blue")
 NO_METAL_BEYOND = 0.995  # silver, the most reflective, has F0 = 0.988
 
+QUANTITIES: Mapping[str, Mapping[str, Callable[[Any], Tensor]]] = {
+    "metal": {
+        "n": lambda metal: metal.n,
+        "k": lambda metal: metal.k,
+        "f0": lambda metal: metal.f0,
+        "roughness": lambda metal: metal.roughness[None],
+    },
+    "glossy": {
+        "color": lambda glossy: glossy.color,
+        "reflectance": lambda glossy: glossy.reflectance,
+        "f0": lambda glossy: glossy.reflectance,
+        "roughness": lambda glossy: glossy.roughness[None],
+    },
+    "matte": {"color": lambda matte: matte.color, "reflectance": lambda matte: matte.reflectance},
+}
+"""What is reported of each type of material; `roughness` is alpha or ρ, as the lobe of the fit has it."""
+
+ESSENTIAL = {"metal": ("f0", "alpha"), "glossy": ("color", "f0", "alpha"), "matte": ("color",)}
+"""What must be determined for a fit to have a usable material."""
+
 
 def fitted_material(
     name: str, fit: Fit, spread: Spread, rho: ViewerRoughness | None, nearest: Sequence[Nearest]
@@ -34,60 +56,78 @@ def fitted_material(
         fit: what was found.
         spread: covariance of its free vector.
         rho: the viewer's roughness and its error; None where the fit was made in the viewer's own model, which
-            leaves alpha to the first guess ρ/(2√2).
+            leaves alpha to the first guess ρ/(2√2), or where the material has no roughness.
         nearest: known metals, nearest first.
     """
-    found = {key: _measured(fit, spread, key) for key in ("n", "k", "f0", "roughness")}
-    if rho is None:
-        guess = float(fit.metal.roughness) / RHO_PER_ALPHA
-        found |= {key: [_unmeasured(each.value) for each in found[key]] for key in ("n", "k")}
-        found["alpha"] = [_unmeasured(guess)]
-    else:
+    kind = fit.material.type
+    found = {key: _measured(fit, spread, key) for key in QUANTITIES[kind]}
+    if rho is not None:
         found["alpha"], found["roughness"] = found["roughness"], [_of_viewer(rho)]
+    elif kind != "matte":
+        found |= {key: [_unmeasured(each.value) for each in found[key]] for key in ("n", "k") if key in found}
+        found["alpha"] = [_unmeasured(found["roughness"][0].value / RHO_PER_ALPHA)]
     trusted = fit.solution.status == "converged"
     return FittedMaterial(
         name=name,
-        type="metal",
+        type=kind,
         **_each(found, lambda key, each: each.value),
         stderr=StandardErrors(**_each(found, lambda key, each: each.stderr)),
         interval95=Intervals(**_each(found, lambda key, each: each.interval)),
-        determined=Determined(**_each(found, lambda key, each: trusted and each.is_determined(key))),
+        determined=Determined(**_each(found, lambda key, each: trusted and each.is_determined(_rule(kind, key)))),
         nearest=tuple(nearest),
     )
 
 
-def status_of(fit: Fit, material: FittedMaterial) -> Status:
-    """stopped where the solver did not finish; not_determined where F0 or the roughness are not."""
-    if fit.solution.status == "stopped":
+def _rule(kind: str, key: str) -> str:
+    """By which parameter's rule a number counts as determined: 0.02 says much of a metal's F0, and nothing of 0.04."""
+    return "reflectance" if (kind, key) == ("glossy", "f0") else key
+
+
+def status_of(choices: Sequence[Choice], materials: Sequence[FittedMaterial]) -> Status:
+    """stopped where a solver did not finish; not_determined where a material's essential numbers are not."""
+    if any(choice.fit.solution.status == "stopped" for choice in choices):
         return "stopped"
-    verdicts = material.determined
+    return "converged" if all(_is_usable(material) for material in materials) else "not_determined"
+
+
+def _is_usable(material: FittedMaterial) -> bool:
     in_viewers_model = material.stderr.alpha is None
-    essential = [*(verdicts.f0 or ()), verdicts.roughness if in_viewers_model else verdicts.alpha]
-    return "converged" if all(essential) else "not_determined"
+    verdicts: list[bool | None] = []
+    for key in ESSENTIAL[material.type]:
+        verdict = getattr(material.determined, "roughness" if key == "alpha" and in_viewers_model else key)
+        verdicts += verdict if isinstance(verdict, tuple) else [verdict]
+    return all(verdicts)
 
 
-def describe(fit: Fit, material: FittedMaterial, remarks: Sequence[str]) -> str:
-    """A few sentences for a person: how the fit ended, what the photographs do not tell, and what else to know.
-
-    Args:
-        fit, material: what was found.
-        remarks: sentences about the input.
-    """
+def describe(choice: Choice, material: FittedMaterial) -> str:
+    """A few sentences for a person: how the fit ended, and what the photographs do not tell."""
+    fit = choice.fit
     steps = f"in {fit.solution.steps} steps"
     ending = f"converged {steps}" if fit.solution.status == "converged" else f"stopped {steps} without converging"
-    sentences = [f"The fit {ending}."]
-    unknown = [_undetermined(material, key) for key in ("f0", "n", "k") if _channels(material, key)]
+    sentences = [f"The fit {ending}.", *_on_the_type(choice)]
+    unknown = [_undetermined(material, key) for key in ("f0", "n", "k", "color") if _channels(material, key)]
     if material.determined.alpha is False:
         unknown.append(f"alpha ({_range(material.interval95.alpha)})")
     if unknown:
         sentences.append(f"The photographs do not determine {'; '.join(unknown)}.")
-    shining = [channel for channel, f0 in zip(CHANNELS, material.f0 or (), strict=True) if f0 > NO_METAL_BEYOND]
+    limit = NO_METAL_BEYOND if material.type == "metal" else 1.0
+    shining = [channel for channel, f0 in zip(CHANNELS, material.f0 or (), strict=False) if f0 > limit]
     if shining:
         sentences.append(
             f"F0 of {' and '.join(shining)} runs into 1: the object seems to send more light than it receives, so that"
             " exposure or scale of the environment is wrong, or the environment itself."
         )
-    return " ".join([*sentences, *remarks])
+    return " ".join(sentences)
+
+
+def _on_the_type(choice: Choice) -> list[str]:
+    """Which type was chosen and by how much, where there was a choice."""
+    if choice.runner_up is None:
+        return []
+    kind, behind = choice.runner_up
+    lead = f"is the type that explains the photographs best; {kind} comes next, its information criterion (BIC)"
+    doubt = "" if behind > DECISIVE else f", less than the {DECISIVE:g} that would decide: give the type with --type"
+    return [f"{choice.fit.material.type.capitalize()} {lead} is worse by {behind:.4g}{doubt}."]
 
 
 @dataclass(frozen=True)
@@ -103,16 +143,14 @@ class _Measured:
 
 
 def _measured(fit: Fit, spread: Spread, key: str) -> list[_Measured]:
-    coordinates = fit.residuals.coordinates
-    quantity: dict[str, Callable[[Tensor], Tensor]] = {
-        "n": lambda x: coordinates.metal(x).n,
-        "k": lambda x: coordinates.metal(x).k,
-        "f0": lambda x: coordinates.metal(x).f0,
-        "roughness": lambda x: coordinates.metal(x).roughness[None],
-    }
-    errors = standard_errors(quantity[key], fit.x, spread)
-    lows, highs = intervals95(quantity[key], fit.x, spread)
-    rows = zip(quantity[key](fit.x).tolist(), errors.tolist(), lows.tolist(), highs.tolist(), strict=True)
+    coordinates, of_material = fit.residuals.coordinates, QUANTITIES[fit.material.type][key]
+
+    def quantity(x: Tensor) -> Tensor:
+        return of_material(coordinates.material(x))
+
+    errors = standard_errors(quantity, fit.x, spread)
+    lows, highs = intervals95(quantity, fit.x, spread)
+    rows = zip(quantity(fit.x).tolist(), errors.tolist(), lows.tolist(), highs.tolist(), strict=True)
     return [
         _Measured(value, error, (low, high)) if all(map(math.isfinite, (error, low, high))) else _unmeasured(value)
         for value, error, low, high in rows
@@ -137,7 +175,7 @@ def _each(found: dict[str, list[_Measured]], part: Callable[[str, _Measured], ob
 
 
 def _channels(material: FittedMaterial, key: str) -> list[int]:
-    return [i for i, known in enumerate(getattr(material.determined, key)) if not known]
+    return [i for i, known in enumerate(getattr(material.determined, key) or ()) if not known]
 
 
 def _undetermined(material: FittedMaterial, key: str) -> str:

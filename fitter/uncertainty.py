@@ -17,8 +17,24 @@ NOTHING = 1e-100  # the precision where nothing moves the residuals at all; its 
 
 # A number counts as determined while the half width of its 95 % interval stays below this share of the value, or
 # below this absolute width: beyond it the interval no longer tells one metal from its neighbours.
-DETERMINED_RELATIVE = {"n": 0.25, "k": 0.25, "f0": 0.05, "alpha": 0.25, "roughness": 0.25}
-DETERMINED_ABSOLUTE = {"n": 0.02, "k": 0.1, "f0": 0.02, "alpha": 0.005, "roughness": 0.02}
+DETERMINED_RELATIVE = {
+    "n": 0.25,
+    "k": 0.25,
+    "f0": 0.05,
+    "alpha": 0.25,
+    "roughness": 0.25,
+    "color": 0.05,
+    "reflectance": 0.05,
+}
+DETERMINED_ABSOLUTE = {
+    "n": 0.02,
+    "k": 0.1,
+    "f0": 0.02,
+    "alpha": 0.005,
+    "roughness": 0.02,
+    "color": 0.02,
+    "reflectance": 0.005,
+}
 
 
 @dataclass(frozen=True)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import functools
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import torch
@@ -12,13 +12,13 @@ from jaxtyping import Float
 from scipy.optimize import minimize_scalar
 
 from fitter.fidelity import BLUR_RANGE
+from fitter.pixel_model import central
 from fitter.quality import tone_mapped, white_point
 from fitter.selection import Observations
-from renderer import cubemap, transport
-from renderer.environment import Environment
-from renderer.surroundings import VIEWER_FACE_SIZE
-from shaders import fresnel, lobe
-from shaders.materials import Metal
+from renderer import cubemap
+from renderer.surroundings import Surroundings
+from shaders.materials import Glossy, Metal
+from shaders.shade import Light, Points, shade
 
 PIXELS = 2000
 PARTS = 8
@@ -35,32 +35,30 @@ class ViewerRoughness:
     stderr: float
 
 
-def viewer_roughness(observed: Observations, environment: Environment, metal: Metal) -> ViewerRoughness:
-    """Fit ρ with n and k held: 49 taps and Lazányi's reflectance at n·v, as the viewer shades [MODEL.md 3.1, 4].
+def viewer_roughness(observed: Observations, light: Surroundings, material: Metal | Glossy) -> ViewerRoughness:
+    """Fit ρ with n and k, or colour and reflectance, held, in the model by which the viewer shades [MODEL.md 3, 4].
 
     The pictures are compared as the viewer shows them, tone-mapped. The blur has no tails and cannot follow a
     microfacet lobe everywhere; in linear radiance a few lamps, in relative error the darkest corners would decide.
 
     Args:
         observed: pixels of the fit; their central rays are used.
-        environment: the light; it is resampled to the viewer's cubemap.
-        metal: n and k as exported.
+        light: as the viewer has it.
+        material: as exported, its roughness alpha.
     """
     every = max(1, len(observed.radiance) // PIXELS)
-    surface = observed.surface[::every, observed.surface.hit.shape[1] // 2]
+    surface = central(observed.surface[::every])
     seen = observed.radiance[::every].numpy()
     white = white_point(seen)
-    faces = cubemap.from_environment(environment, VIEWER_FACE_SIZE)
-    radiance = functools.partial(cubemap.lookup, faces)
-    reflected = transport.reflect(surface).float()
-    reflectance = fresnel.lazanyi(surface.n_dot_v[:, None], metal.n, metal.k)
+    points = Points(surface.normal, surface.view)
+    of_environment = Light(functools.partial(cubemap.lookup, light.cubemap), light.ambient, sources=light.sources)
 
     def residual(rho: float) -> Float[np.ndarray, "p 3"]:
-        blurred = lobe.blur(radiance, reflected, torch.tensor(rho)) * reflectance
-        return tone_mapped(blurred.numpy(), white) - tone_mapped(seen, white)
+        picture = shade(replace(material, roughness=torch.tensor(rho, dtype=torch.float64)), points, of_environment)
+        return tone_mapped(picture.numpy(), white) - tone_mapped(seen, white)
 
     # The blur of a real map has several minima in ρ. A coarse look around the first guess 2√2·alpha finds the valley.
-    guess = float(metal.roughness) * RHO_PER_ALPHA
+    guess = float(material.roughness) * RHO_PER_ALPHA
     coarse = np.geomspace(guess / WITHIN, min(guess * WITHIN, BLUR_RANGE[1]), COARSE_STEPS)
     costs = np.stack([(residual(rho) ** 2).sum(1) for rho in coarse])
     best = int(costs.sum(1).argmin())

@@ -27,7 +27,7 @@ from renderer.latlong import LatLong
 from renderer.threads import map_in_threads
 from shaders import lobe
 
-Reflectance = Callable[[Float[Tensor, "b 1"]], Float[Tensor, "b 3"]]
+Reflectance = Callable[[Float[Tensor, "b 1"]], Float[Tensor, "b c"]]
 Progress = Callable[[float], None]
 
 _CHUNK = 1 << 16  # samples at a time; their some forty intermediate tensors then stay in the cache
@@ -63,18 +63,18 @@ class LightTable:
         return chebyshev.weights(2 * position - 1, self.light.shape[1])
 
 
-def reflectance_coefficients(reflectance: Reflectance, degree: int, like: Tensor) -> Float[Tensor, "b 3"]:
-    """f_b with F(cos_d) ≈ Σ_b f_b T_b(2 cos_d - 1), in the dtype of `like`."""
+def reflectance_coefficients(reflectance: Reflectance, degree: int, like: Tensor) -> Float[Tensor, "b c"]:
+    """f_b with F(cos_d) ≈ Σ_b f_b T_b(2 cos_d - 1), in the dtype of `like`; of one channel where F has one."""
     cos_d = ((chebyshev.nodes(degree) + 1) / 2).to(like)
     return chebyshev.coefficients(reflectance(cos_d[:, None]))
 
 
 def radiance(
-    light: Float[Tensor, "a p b 3"], level_weights: Float[Tensor, " a"], coefficients: Float[Tensor, "b 3"]
+    light: Float[Tensor, "a p b 3"], level_weights: Float[Tensor, " a"], coefficients: Float[Tensor, "b c"]
 ) -> Float[Tensor, "p 3"]:
     """The radiance of each pixel, from a table's mean, roughness weights w_a and Fresnel coefficients f_b."""
     at_roughness = torch.tensordot(level_weights, light, dims=1)
-    return torch.einsum("pbc,bc->pc", at_roughness, coefficients)
+    return (at_roughness * coefficients).sum(1)
 
 
 def levels(low: float, high: float, count: int, scale: Literal["linear", "log"]) -> list[float]:
@@ -144,26 +144,24 @@ def microfacet_table(
     return LightTable(table, low, high, "log")
 
 
-def tap_table(surface: GBuffer, environment: Cubemap, rhos: tuple[float, float, int], *, degree: int) -> LightTable:
-    """Light through the thesis's 49 taps, with the reflectance taken at n·v [MODEL.md 3.1, 4].
+def tap_table(surface: GBuffer, environment: Cubemap, rhos: tuple[float, float, int]) -> LightTable:
+    """Light through the thesis's 49 taps around the mirrored view [MODEL.md 3.1]; its only degree is 0.
 
     Args:
-        surface: [p, k] rays inside each of p pixels.
+        surface: [p] rays.
         environment: the cubemap that the viewer would read.
         rhos: lowest and highest blur radius, and the number of levels between them.
-        degree: number of Chebyshev polynomials for the reflectance.
 
     Returns:
         the table; its two halves are equal, for the taps are the model and no estimate.
     """
     low, high, count = rhos
     reflected = reflect(surface).float()
-    basis = chebyshev.polynomials(2 * surface.n_dot_v.float() - 1, degree)
-    table = torch.empty(count, len(surface.hit), degree, 3)
-    for a, rho in enumerate(levels(low, high, count, "linear")):
-        blurred = lobe.blur(functools.partial(cubemap.lookup, environment), reflected, torch.tensor(rho))
-        table[a] = torch.einsum("bpk,pkc->pbc", basis, blurred) / surface.hit.shape[1]
-    return LightTable(table.expand(2, *table.shape), low, high, "linear")
+    radiance = functools.partial(cubemap.lookup, environment)
+    table = torch.stack(
+        [lobe.blur(radiance, reflected, torch.tensor(rho)) for rho in levels(low, high, count, "linear")]
+    )
+    return LightTable(table[:, :, None].expand(2, *table.shape[:2], 1, 3), low, high, "linear")
 
 
 def reflect(surface: GBuffer) -> Float[Tensor, "*p 3"]:

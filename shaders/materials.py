@@ -16,6 +16,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
+from typing import ClassVar, Literal
 
 from jaxtyping import Float
 from torch import Tensor
@@ -39,7 +40,7 @@ class Metal:
     k: Float[Tensor, "3"]
     roughness: Float[Tensor, ""]
 
-    type = "metal"
+    type: ClassVar[Literal["metal"]] = "metal"
 
     @property
     def f0(self) -> Float[Tensor, "3"]:
@@ -61,7 +62,7 @@ class Glossy:
     reflectance: Float[Tensor, "3"]
     roughness: Float[Tensor, ""]
 
-    type = "glossy"
+    type: ClassVar[Literal["glossy"]] = "glossy"
 
 
 @dataclass(frozen=True)
@@ -76,7 +77,7 @@ class Matte:
     color: Float[Tensor, "3"]
     reflectance: Float[Tensor, "3"]
 
-    type = "matte"
+    type: ClassVar[Literal["matte"]] = "matte"
 
 
 Material = Metal | Glossy | Matte

@@ -1,0 +1,67 @@
+"""Which type of material explains the photographs best: candidates fitted side by side, an information criterion."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from fitter.residuals import ROBUST_AT, pseudo_huber, relative_weight, scatter
+from fitter.result import MaterialType
+from fitter.search import Fit, Problem, draft, fit_material, refined
+
+KINDS: tuple[MaterialType, ...] = ("metal", "glossy", "matte")
+HOPELESS = 2.0  # times the least squared difference at the drafts' accuracy: no refinement makes up for that
+DECISIVE = 10.0  # of a difference in BIC: "very strong" [Kass & Raftery 1995, table]
+
+
+@dataclass(frozen=True)
+class Choice:
+    """A fit, and how it compared with those of the other types.
+
+    Attributes:
+        fit: the chosen one.
+        criteria: BIC of each type, refined ones or drafts, against the chosen one's, which is 0; one entry where the
+            type was given.
+    """
+
+    fit: Fit
+    criteria: Mapping[MaterialType, float]
+
+    @property
+    def runner_up(self) -> tuple[MaterialType, float] | None:
+        """The next best type, and how much worse its criterion is."""
+        others = sorted((bic, kind) for kind, bic in self.criteria.items() if kind != self.fit.material.type)
+        return (others[0][1], others[0][0]) if others else None
+
+
+def fit_type(problem: Problem, kind: MaterialType | None) -> Choice:
+    """Fit a material of the given type, or of the type that explains the pixels best."""
+    if kind is not None:
+        return Choice(fit_material(problem, kind), {kind: 0.0})
+    drafts = {kind: draft(problem, kind) for kind in KINDS}
+    rough = _criteria(problem, drafts)
+    within = 3 * len(problem.observed.radiance) * math.log(HOPELESS)
+    fits = {kind: refined(problem, each) for kind, each in drafts.items() if rough[kind] <= within}
+    criteria = _criteria(problem, fits)
+    best = min(criteria, key=criteria.__getitem__)
+    return Choice(fits[best], {**rough, **criteria})
+
+
+def _criteria(problem: Problem, fits: Mapping[MaterialType, Fit]) -> dict[MaterialType, float]:
+    """Schwarz's Bayesian information criterion of each fit, against the least.
+
+        BIC = m ln(Σψ²/m) + p ln m        [Schwarz 1978, for a normal error of unknown scatter]
+
+    m values, p parameters, ψ the robust relative difference to the photographs. Every fit is weighed alike.
+    """
+    seen = problem.observed.radiance
+    weight = relative_weight(seen)
+    differences = {kind: (fit.picture - seen) * weight for kind, fit in fits.items()}
+    least = max(min(scatter(each) for each in differences.values()), 1e-9)
+    bic = {}
+    for kind, difference in differences.items():
+        count = difference.numel()
+        mean_square = float(pseudo_huber(difference, ROBUST_AT * least).square().mean())
+        bic[kind] = count * math.log(max(mean_square, 1e-18)) + len(fits[kind].x) * math.log(count)
+    return {kind: each - min(bic.values()) for kind, each in bic.items()}

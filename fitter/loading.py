@@ -1,0 +1,88 @@
+"""Everything that a scene file names, read and checked."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from fitter.photographs import Photograph, read_photograph
+from fitter.result import InputFile, MaterialType, sha256_of
+from renderer.environment import Environment, read_environment
+from renderer.errors import InputError
+from renderer.mesh import Mesh, Shape
+from renderer.scene import Scene, read_scene, read_shape
+
+
+@dataclass(frozen=True)
+class Loaded:
+    """Everything that was read.
+
+    Attributes:
+        name: of the output files: the mesh file's, or the shape's.
+        materials: the names of the object's materials, in the mesh's order.
+    """
+
+    scene: Scene
+    photographs: tuple[Photograph, ...]
+    shape: Shape
+    environment: Environment
+    name: str
+    materials: tuple[str, ...]
+    inputs: tuple[InputFile, ...]
+
+    def kind(self, material: str, wanted: str) -> MaterialType | None:
+        """The type to fit a material with: the scene file's word, else the one that is wanted; None for "auto"."""
+        told = [spec.type for spec in self.scene.materials if spec.name == material and spec.type != "auto"]
+        kinds: dict[str, MaterialType | None] = {"metal": "metal", "glossy": "glossy", "matte": "matte"}
+        return kinds.get(told[0] if told else wanted)
+
+
+def load(scene_file: Path) -> Loaded:
+    """Read and check a scene with all its files.
+
+    Raises:
+        InputError: a file or field is wrong, or asks for what this version does not do.
+    """
+    scene = read_scene(scene_file)
+    _require_supported(scene, scene_file)
+    shape = read_shape(scene.geometry)
+    names = _material_names(scene, shape, scene_file)
+    photographs = tuple(read_photograph(spec, scene_file, i) for i, spec in enumerate(scene.photographs))
+    light = scene.environment
+    environment = read_environment(light.map, rotation=light.rotation, scale=light.scale)
+    stem = scene.geometry.mesh.stem if scene.geometry.mesh else str(scene.geometry.shape)
+    return Loaded(scene, photographs, shape, environment, stem, names, _inputs(scene, scene_file))
+
+
+def _material_names(scene: Scene, shape: Shape, scene_file: Path) -> tuple[str, ...]:
+    """The mesh's materials; a shape known by formula has one, of the name that the scene file gives it."""
+    given = [spec.name for spec in scene.materials]
+    repeated = next((name for i, name in enumerate(given) if name in given[:i]), None)
+    if repeated is not None:
+        raise InputError(scene_file, "materials", repeated, "each name once")
+    if not isinstance(shape, Mesh):
+        if len(given) > 1:
+            raise InputError(scene_file, "materials", f"{len(given)} tables", "one: a sphere has one material")
+        return (given[0] if given else "default",)
+    for i, name in enumerate(given):
+        if name not in shape.material_names:
+            expected = f"the name of one of the mesh's materials: {', '.join(shape.material_names)}"
+            raise InputError(scene_file, f"materials[{i}].name", name, expected)
+    return shape.material_names
+
+
+def _require_supported(scene: Scene, scene_file: Path) -> None:
+    """Refuse what the contract of scene.toml allows and this version would otherwise silently ignore."""
+    for i, photograph in enumerate(scene.photographs):
+        if photograph.exposure == "fit":
+            expected = "a number: exposures are not fitted so far"
+            raise InputError(scene_file, f"photographs[{i}].exposure", '"fit"', expected)
+
+
+def _inputs(scene: Scene, scene_file: Path) -> tuple[InputFile, ...]:
+    given = [scene_file, scene.cameras, scene.geometry.mesh]
+    given += sorted(scene.environment.map.iterdir()) if scene.environment.map.is_dir() else [scene.environment.map]
+    given += [path for photograph in scene.photographs for path in (photograph.image, photograph.mask)]
+    return tuple(
+        InputFile(path=str(path), sha256=sha256_of(path)) for path in given if path is not None and path.is_file()
+    )

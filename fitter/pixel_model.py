@@ -1,0 +1,250 @@
+"""The picture of a set of pixels as a function of what they are made of: the models that a fit can meet."""
+
+from __future__ import annotations
+
+import functools
+import math
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from renderer import chebyshev, transport
+from renderer.gbuffer import GBuffer
+from renderer.transport import LightTable
+from shaders import fresnel, lobe, plastic
+from shaders.materials import Glossy, Material, Matte, Metal
+from shaders.shade import DirectionalLight, Illumination, Points, shade
+
+Reflectance = Callable[[Float[Tensor, "*p 1"]], Float[Tensor, "*p c"]]
+"""A factor on light by a cosine, for one or three channels."""
+
+
+class PixelModel(ABC):
+    """Radiance of every pixel, float64, by material.
+
+    Attributes:
+        table: reflected light by roughness; None where nothing that reflects is to be asked for.
+    """
+
+    table: LightTable | None
+
+    @abstractmethod
+    def radiance(self, material: Material) -> Float[Tensor, "p 3"]: ...
+
+    @abstractmethod
+    def under(self, table: LightTable | None) -> PixelModel:
+        """The same pixels with another table."""
+
+    def half(self, which: int) -> PixelModel:
+        """The same pixels with one half of the table's samples."""
+        return self if self.table is None else self.under(self.table.half(which))
+
+
+@dataclass(frozen=True)
+class Body:
+    """Light that a diffuse body under each pixel receives.
+
+    Attributes:
+        light: ∫ L(l) T_b(2 n·l - 1) max(0, n·l)/π dl, T_b Chebyshev's polynomials, [p, b, 3].
+        view: means of T_b(2 n·v - 1) over the pixel's rays, [p, b].
+    """
+
+    light: Float[Tensor, "p b 3"]
+    view: Float[Tensor, "p b"]
+
+    def seen(self, towards_view: Reflectance, towards_light: Reflectance) -> Float[Tensor, "p 3"]:
+        """Light that passes twice: by a factor of n·l on its way in, by one of n·v on its way out."""
+        degree = self.view.shape[1]
+        inwards, outwards = (
+            transport.reflectance_coefficients(factor, degree, self.view) for factor in (towards_light, towards_view)
+        )
+        return (self.light * inwards).sum(1) * (self.view @ outwards)
+
+
+@dataclass(frozen=True)
+class DirectLight:
+    """One directional light on the rays inside each pixel: cosines [p, k], and its irradiance.
+
+    Attributes:
+        cos_v, cos_l, cos_h: of view, light and half vector against the normal; cos_l is 0 below the horizon.
+        cos_d: of the half vector against the view.
+        irradiance: on a surface that faces the light.
+    """
+
+    cos_v: Float[Tensor, "p k"]
+    cos_l: Float[Tensor, "p k"]
+    cos_h: Float[Tensor, "p k"]
+    cos_d: Float[Tensor, "p k"]
+    irradiance: Float[Tensor, "3"]
+
+    @staticmethod
+    def of(surface: GBuffer, source: DirectionalLight) -> DirectLight:
+        towards = source.towards.to(surface.normal)
+        half = torch.nn.functional.normalize(surface.view + towards, dim=-1)
+        cosines = ((surface.normal * towards).sum(-1), (surface.normal * half).sum(-1), (surface.view * half).sum(-1))
+        cos_l, cos_h, cos_d = (cosine.clamp(0, 1) for cosine in cosines)
+        return DirectLight(surface.n_dot_v, cos_l, cos_h.clamp_min(1e-6), cos_d, math.pi * source.radiance.double())
+
+    def reflected(
+        self, reflectance: Reflectance, alpha: Float[Tensor, ""], distribution: lobe.Distribution
+    ) -> Float[Tensor, "p 3"]:
+        """E · F D G / (4 n·v), the mean over each pixel [Walter 2007, eq. 20]."""
+        shadowing = lobe.smith_g1(self.cos_v, alpha, distribution) * lobe.smith_g1(self.cos_l, alpha, distribution)
+        facets = lobe.distribution_of_normals(self.cos_h, alpha, distribution) * shadowing / (4 * self.cos_v)
+        return self.irradiance * (reflectance(self.cos_d[..., None]) * facets[..., None]).mean(1)
+
+    def scattered(self, towards_view: Reflectance, towards_light: Reflectance) -> Float[Tensor, "p 3"]:
+        """E · cos/π of a white body, by a factor of n·l on the way in and one of n·v on the way out."""
+        cos_v, cos_l = self.cos_v[..., None], self.cos_l[..., None]
+        return self.irradiance / math.pi * (towards_light(cos_l) * towards_view(cos_v) * cos_l).mean(1)
+
+
+@dataclass(frozen=True)
+class ExactPixels(PixelModel):
+    """Microfacets with exact Fresnel reflectance; below a dielectric's, light that is scattered inside [MODEL.md 6].
+
+    Attributes:
+        table: of `transport.microfacet_table`.
+        light: its mean.
+        body: the diffuse light; None where there is nothing to scatter it.
+        sources: directional lights.
+        distribution: of the microfacets.
+    """
+
+    table: LightTable | None
+    light: Float[Tensor, "a p b 3"] | None
+    body: Body | None
+    sources: tuple[DirectLight, ...]
+    distribution: lobe.Distribution
+
+    def under(self, table: LightTable | None) -> ExactPixels:
+        return replace(self, table=table, light=None if table is None else table.mean(torch.float64))
+
+    def radiance(self, material: Material) -> Float[Tensor, "p 3"]:
+        """Radiance of every pixel."""
+        if isinstance(material, Matte):
+            return material.color * self.scattered(functools.partial(exact_reflectance, material))
+        surface = self.reflected(functools.partial(exact_reflectance, material), material.roughness)
+        return surface if isinstance(material, Metal) else surface + self._scattered_inside(material)
+
+    def _scattered_inside(self, material: Glossy) -> Float[Tensor, "p 3"]:
+        """Light from below a rough dielectric, as Mitsuba's `roughplastic` has it."""
+        eta, alpha = plastic.ior(material.reflectance[0]), material.roughness
+
+        def passed(cosine: Tensor) -> Tensor:
+            return plastic.transmittance(cosine, eta, alpha, self.distribution)
+
+        color = material.color * plastic.outcoupling(eta, alpha, self.distribution)
+        return color * self.scattered(passed, passed)
+
+    def reflected(self, reflectance: Reflectance, alpha: Float[Tensor, ""]) -> Float[Tensor, "p 3"]:
+        """Light that the microfacets mirror."""
+        assert self.table is not None
+        assert self.light is not None
+        weights = self.table.level_weights(alpha)
+        coefficients = transport.reflectance_coefficients(reflectance, self.light.shape[2], alpha)
+        found = transport.radiance(self.light, weights, coefficients)
+        for source in self.sources:
+            found = found + source.reflected(reflectance, alpha, self.distribution)
+        return found
+
+    def scattered(self, towards_view: Reflectance, towards_light: Reflectance = torch.ones_like) -> Tensor:
+        """Light that a white body sends back, [p, 3]; see `Body.seen`."""
+        assert self.body is not None
+        found = self.body.seen(towards_view, towards_light)
+        for source in self.sources:
+            found = found + source.scattered(towards_view, towards_light)
+        return found
+
+
+def exact_reflectance(material: Material, cosine: Float[Tensor, "*p 1"]) -> Float[Tensor, "*p c"]:
+    """F of a conductor at n, k, of a dielectric with one index for all channels, or Schlick's of a matte material."""
+    if isinstance(material, Metal):
+        return fresnel.conductor(cosine, material.n, material.k)
+    if isinstance(material, Glossy):
+        return fresnel.dielectric(cosine, plastic.ior(material.reflectance[0]))
+    return fresnel.schlick(cosine, material.reflectance)
+
+
+def viewer_reflectance(material: Material, cosine: Float[Tensor, "*p 1"]) -> Float[Tensor, "*p 3"]:
+    """F as the thesis approximates it."""
+    if isinstance(material, Metal):
+        return fresnel.lazanyi(cosine, material.n, material.k)
+    return fresnel.schlick(cosine, material.reflectance)
+
+
+@dataclass(frozen=True)
+class BlurredByTable(Illumination):
+    """The thesis's light at a set of pixels, its blur taken from a table.
+
+    Attributes:
+        table: of `transport.tap_table`, None where nothing is mirrored.
+        mean: its light, [a, p, 3].
+    """
+
+    table: LightTable | None
+    mean: Float[Tensor, "a p 3"] | None
+    ambient: Float[Tensor, "9 3"]
+    sources: tuple[DirectionalLight, ...] = ()
+
+    def blurred(self, r: Float[Tensor, "p 3"], rho: Float[Tensor, ""]) -> Float[Tensor, "p 3"]:
+        assert self.table is not None
+        assert self.mean is not None
+        return torch.tensordot(self.table.level_weights(rho), self.mean, dims=1)
+
+
+@dataclass(frozen=True)
+class ViewerPixels(PixelModel):
+    """The thesis's model as the viewer draws it, at the pixels' centres [MODEL.md 3, 4]."""
+
+    points: Points
+    illumination: BlurredByTable
+
+    @property
+    def table(self) -> LightTable | None:  # type: ignore[override]
+        return self.illumination.table
+
+    def under(self, table: LightTable | None) -> ViewerPixels:
+        mean = None if table is None else table.mean(torch.float64)[:, :, 0]
+        return replace(self, illumination=replace(self.illumination, table=table, mean=mean))
+
+    def radiance(self, material: Material) -> Float[Tensor, "p 3"]:
+        """Radiance of every pixel."""
+        return shade(material, self.points, self.illumination)
+
+
+def exact_pixels(
+    surface: GBuffer,
+    diffuse: Float[Tensor, "p b 3"] | None,
+    sources: Sequence[DirectionalLight],
+    distribution: lobe.Distribution,
+) -> ExactPixels:
+    """The dearer model of pixels, without a table so far.
+
+    Args:
+        surface: [p, k] rays inside each pixel.
+        diffuse: `Body.light`; None where there is nothing to scatter it.
+        sources: directional lights.
+        distribution: of the microfacets.
+    """
+    direct = tuple(DirectLight.of(surface, source) for source in sources)
+    if diffuse is None:
+        return ExactPixels(None, None, None, direct, distribution)
+    view = chebyshev.polynomials(2 * surface.n_dot_v - 1, diffuse.shape[1]).mean(-1).T
+    return ExactPixels(None, None, Body(diffuse.double(), view), direct, distribution)
+
+
+def viewer_pixels(surface: GBuffer, ambient: Float[Tensor, "9 3"], sources: Sequence[DirectionalLight]) -> ViewerPixels:
+    """The viewer's model of pixels, seen at their central rays, without a table so far."""
+    centre = central(surface)
+    light = BlurredByTable(None, None, ambient, tuple(sources))
+    return ViewerPixels(Points(centre.normal, centre.view), light)
+
+
+def central(surface: GBuffer) -> GBuffer:
+    """The ray in the middle of each pixel, [p]."""
+    return surface[:, surface.hit.shape[1] // 2]

@@ -1,0 +1,89 @@
+"""What the radiance of pixels is computed with: the light, the fidelity, and the tables that they call for."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import torch
+from jaxtyping import Float
+from renderer.irradiance import diffuse_table
+from torch import Tensor
+
+from fitter.fidelity import Fidelity
+from fitter.pixel_model import PixelModel, central, exact_pixels, viewer_pixels
+from renderer import transport
+from renderer.environment import Environment
+from renderer.gbuffer import GBuffer
+from renderer.surroundings import Surroundings, surroundings
+from renderer.transport import LightTable
+from shaders.materials import Material
+from shaders.shade import DirectionalLight
+
+
+@dataclass(frozen=True)
+class Setting:
+    """The light on the object, and how accurately to compute it.
+
+    Attributes:
+        environment: the surroundings; light is integrated on their device.
+        sources: directional lights.
+        fidelity: how accurately.
+        seed: of the integration.
+    """
+
+    environment: Environment
+    sources: tuple[DirectionalLight, ...]
+    fidelity: Fidelity
+    seed: int = 0
+
+    def pixels(self, surface: GBuffer, body: bool) -> PixelModel:
+        """The model of pixels [p, k], without a table so far; diffuse light is integrated where there is a body."""
+        if self.fidelity.lobe == "taps":
+            return viewer_pixels(surface, self._viewers.ambient, self.sources)
+        diffuse = self._diffuse(surface) if body else None
+        return exact_pixels(surface, diffuse, self.sources, self.fidelity.lobe)
+
+    def table(
+        self,
+        surface: GBuffer,
+        levels: tuple[float, float, int],
+        samples: int,
+        progress: Callable[[float], None] = lambda share: None,
+    ) -> LightTable:
+        """Light through the fidelity's lobe; `levels` are the ends of its roughness and their number."""
+        if self.fidelity.lobe == "taps":
+            return transport.tap_table(central(surface), self._viewers.cubemap, levels)
+        return transport.microfacet_table(
+            surface,
+            self.environment,
+            levels,
+            distribution=self.fidelity.lobe,
+            degree=self.fidelity.degree,
+            samples=samples,
+            seed=self.seed,
+            progress=progress,
+        )
+
+    def radiance(self, material: Material, surface: GBuffer, samples: int) -> Float[Tensor, "p 3"]:
+        """The picture of one material, float64, by a table that holds its roughness alone."""
+        model = self.pixels(surface, body=material.type != "metal")
+        if material.type != "matte":
+            roughness = float(material.roughness)
+            span = (roughness * 0.999, roughness * 1.001, 1)  # the one level lies in their middle
+            model = model.under(self.table(surface, span, samples))
+        return model.radiance(material)
+
+    @cached_property
+    def _viewers(self) -> Surroundings:
+        return surroundings(self._near)
+
+    @property
+    def _near(self) -> Environment:
+        """The environment on the CPU: 49 taps are not worth the way."""
+        return replace(self.environment, radiance=self.environment.radiance.cpu())
+
+    def _diffuse(self, surface: GBuffer) -> Float[Tensor, "p b 3"]:
+        normal = torch.nn.functional.normalize(surface.normal.mean(1), dim=-1)
+        return diffuse_table(normal, self._near, self.fidelity.degree)
