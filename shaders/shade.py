@@ -129,7 +129,7 @@ def reflection(
     r = points.reflected
     blurred = light.blurred(r, roughness)
     for source in light.sources:
-        blurred = blurred + source.radiance * lobe.light_reflection(r, source.towards, roughness)
+        blurred = blurred + source.radiance.to(r) * lobe.light_reflection(r, source.towards, roughness)
     return double_bounce(f, points.openness) * blurred
 
 
@@ -144,8 +144,8 @@ def scattered(points: Points, light: Illumination) -> Float[Tensor, "*p 3"]:
     if points.openness is not None:
         found = found * points.openness
     for source in light.sources:
-        towards = source.towards.to(points.normal)
-        found = found + source.radiance * (points.normal * towards).sum(-1, keepdim=True).clamp_min(0)
+        towards, radiance = source.towards.to(points.normal), source.radiance.to(points.normal)
+        found = found + radiance * (points.normal * towards).sum(-1, keepdim=True).clamp_min(0)
     return found
 
 
