@@ -14,6 +14,7 @@ from torch import Tensor
 from renderer import raycast
 from renderer.camera import Camera
 from renderer.mesh import Mesh, Shape, Sphere
+from renderer.tangents import tangents
 
 
 @dataclass(frozen=True)
@@ -116,7 +117,7 @@ def _trace_sphere(origins: Float[Tensor, "p 3"], directions: Float[Tensor, "p 3"
 
 
 def _mesh_tracer(mesh: Mesh) -> Tracer:
-    cast, tangent = raycast.caster(mesh), None
+    cast, tangent = raycast.caster(mesh), tangents(mesh)
 
     def trace(origins: Float[Tensor, "p 3"], directions: Float[Tensor, "p 3"]) -> GBuffer:
         return _interpolate(mesh, tangent, cast(origins, directions), origins, directions)

@@ -19,6 +19,8 @@ Distribution = Literal["ggx", "beckmann"]
 
 TAPS_PER_SIDE = 3  # i, j = -3 … 3 make the thesis's 49 taps
 TAP_SIGMA = 1.5  # in taps, so that σ = ρ/2 when three taps span ρ
+SHORTEST = 1e-12  # of horizontal parts that have a direction; shorter ones `normalize` does not make unit vectors
+MIRROR = 1e-6  # ρ of a mirror: directions in float32 resolve no lobe as narrow, and 1/σ³ would leave its range
 
 
 def tap_weights() -> Float[Tensor, 7]:
@@ -31,8 +33,8 @@ def tap_weights() -> Float[Tensor, 7]:
 def tap_axes(r: Float[Tensor, "*p 3"]) -> tuple[Float[Tensor, "*p 3"], Float[Tensor, "*p 3"]]:
     """Unit vectors K_H and K_V along which the blur spreads around `r` [thesis 3.1.3].
 
-    K_H is perpendicular to r and parallel to the XZ plane, K_V = K_H × r; where r is parallel to ±Y,
-    K_H = (1, 0, 0).
+    K_H is perpendicular to r and parallel to the XZ plane, K_V = K_H × r; where r is parallel to ±Y, within
+    `SHORTEST`, K_H = (1, 0, 0).
 
     Args:
         r: unit directions.
@@ -42,7 +44,7 @@ def tap_axes(r: Float[Tensor, "*p 3"]) -> tuple[Float[Tensor, "*p 3"], Float[Ten
     """
     x, z = r[..., 0], r[..., 2]
     horizontal = torch.stack([z, torch.zeros_like(x), -x], -1)
-    vertical_view = (x**2 + z**2 == 0)[..., None]
+    vertical_view = (x**2 + z**2 < SHORTEST**2)[..., None]
     pole = torch.tensor([1.0, 0.0, 0.0], dtype=r.dtype, device=r.device)
     k_h = torch.nn.functional.normalize(torch.where(vertical_view, pole, horizontal), dim=-1)
     return k_h, torch.linalg.cross(k_h, r)
@@ -93,12 +95,13 @@ def light_reflection(
     Args:
         r: mirrored views, unit.
         towards: l, unit.
-        rho: ρ; a mirror, ρ = 0, shows no point light.
+        rho: ρ; a mirror, ρ <= `MIRROR`, shows no point light.
     """
-    sigma = torch.where(rho > 0, rho / 2, 1.0)
+    rough = rho > MIRROR
+    sigma = torch.where(rough, rho / 2, 1.0)
     squared = (r - towards.to(r)).square().sum(-1, keepdim=True)
     gaussian = torch.exp(-squared / (2 * sigma**2)) / (math.sqrt(2 * math.pi) * sigma)
-    return torch.where(rho > 0, gaussian, 0.0)
+    return torch.where(rough, gaussian, 0.0)
 
 
 def distribution_of_normals(
@@ -153,13 +156,13 @@ def smith_g1(cos: Float[Tensor, "*p"], alpha: Float[Tensor, ...], distribution: 
 
 
 def sample_visible_normals(
-    cos_v: Float[Tensor, "*p"], alpha: float, u1: Float[Tensor, "*p"], u2: Float[Tensor, "*p"]
+    cos_v: Float[Tensor, "*p"], alpha: float | Float[Tensor, ...], u1: Float[Tensor, "*p"], u2: Float[Tensor, "*p"]
 ) -> tuple[Float[Tensor, "*p"], Float[Tensor, "*p"], Float[Tensor, "*p"]]:
     """GGX microfacet normals in proportion to the area that the viewer sees of them [Heitz 2018, listing 1].
 
     Args:
         cos_v: n·v, in (0, 1]; v = (√(1-cos_v²), 0, cos_v).
-        alpha: α, microfacet width, > 0.
+        alpha: α, microfacet width, > 0; a tensor broadcasts against `cos_v`, and the normals are differentiable in it.
         u1, u2: uniform numbers in [0, 1).
 
     Returns:
