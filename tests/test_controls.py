@@ -57,7 +57,7 @@ def test_nothing_that_a_user_does_breaks_the_view(happened):
 
 def test_every_key_does_something_and_is_told():
     """In the help, each stands by its own name."""
-    named = {"tab": "Tab", "escape": "Esc", "-": "−", "=": "+"}
+    named = {"tab": "Tab", "escape": "Esc", "-": "−", "=": "+", "f2": "F1–F4", "f3": "F1–F4"}
     told = help_text()
     for key in {*_ACTIONS, *_COMMANDS, *BOOKMARK_KEYS, "f", "1"}:
         name = named.get(key, key.upper())
@@ -93,13 +93,12 @@ def test_dragging_moves_the_model_with_the_mouse():
         x, y, z = eye.rotation.T @ (near - eye.origin)
         return np.array([x, y]) / -z
 
-    for right, down in ((0.01, 0.0), (0.0, 0.01)):
-        state = controls()
-        state.drag("left", right, down)
-        assert np.sign(np.round(seen(state.look.eye), 6)).tolist() == [np.sign(right), -np.sign(down)]
-        state = controls()
-        state.drag("middle", right, down)
-        assert np.sign(np.round(seen(state.look.eye), 6)).tolist() == [np.sign(right), -np.sign(down)]
+    for button in ("left", "middle"):
+        for right, down in ((0.01, 0.0), (0.0, 0.01)):
+            state = controls()
+            state.drag(button, right, down)
+            along, across = seen(state.look.eye) @ [[right, down], [-down, right]]
+            assert along > 10 * abs(across)  # an orbit bends its way a little
 
 
 def test_the_middle_button_holds_what_it_grasps():
@@ -129,10 +128,10 @@ def test_walking_does_not_depend_on_the_frame_rate(held, frames):
     total = sum(frames)
     for _ in range(100):
         one.pass_time(held, total / 100)
-    np.testing.assert_allclose(many.view.eye.origin, one.view.eye.origin, atol=1e-12)
+    np.testing.assert_allclose(many.look.eye.origin, one.look.eye.origin, atol=1e-12)
     directions = [("d", "a"), ("space", "control"), ("w", "s")]
     counts = sum((a in held) != (b in held) for a, b in directions)
-    walked = np.linalg.norm(many.view.eye.origin - START.eye.origin)
+    walked = np.linalg.norm(many.look.eye.origin - START.eye.origin)
     if counts == 1:  # more: up and forward are not at right angles
         assert walked == pytest.approx(BOUNDS.radius * total)
 
