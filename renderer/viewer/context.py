@@ -18,7 +18,7 @@ def offscreen_context() -> moderngl.Context:
         InputError: a library is missing, or the driver is too old; says what to type.
     """
     try:
-        context = moderngl.create_context(standalone=True, backend="egl", require=VERSION)
+        context = moderngl.create_context(VERSION, standalone=True, backend="egl")  # type: ignore[arg-type]
     except Exception as error:  # of whatever type the backend chose
         reason = " ".join(str(error).split()).rstrip(".") or type(error).__name__
         expected = f"OpenGL 4.3 or newer through EGL ({reason}); on Debian or Ubuntu type: {REMEDY}"

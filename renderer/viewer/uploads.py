@@ -32,6 +32,8 @@ def texture_2d(context: moderngl.Context, texture: Texture) -> moderngl.Texture:
     texels = texture.texels.flip(0).float().contiguous().numpy().tobytes()
     uploaded = context.texture((width, height), channels, texels, dtype="f4")
     uploaded.filter = (moderngl.LINEAR, moderngl.LINEAR)
+    if channels == 1:
+        uploaded.swizzle = "RRR1"  # grey is three equal channels
     return uploaded
 
 
