@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 import torch
@@ -120,7 +120,10 @@ def _mesh_tracer(mesh: Mesh) -> Tracer:
     cast, tangent = raycast.caster(mesh), tangents(mesh)
 
     def trace(origins: Float[Tensor, "p 3"], directions: Float[Tensor, "p 3"]) -> GBuffer:
-        return _interpolate(mesh, tangent, cast(origins, directions), origins, directions)
+        face = cast(origins, directions)
+        hit = face >= 0
+        met = _interpolate(mesh, tangent, face[hit], origins.numpy()[hit], directions.numpy()[hit])
+        return replace(_spread(met, torch.from_numpy(hit)), view=-directions)
 
     return trace
 
@@ -129,27 +132,39 @@ def _interpolate(
     mesh: Mesh,
     tangent: Float[np.ndarray, "v 4"] | None,
     face: Int[np.ndarray, " p"],
-    origins: Float[Tensor, "p 3"],
-    directions: Float[Tensor, "p 3"],
+    origins: Float[np.ndarray, "p 3"],
+    directions: Float[np.ndarray, "p 3"],
 ) -> GBuffer:
-    """Surface attributes where each ray meets its face."""
-    hit = face >= 0
-    corner = mesh.faces[face]
-    weights = raycast.barycentric(mesh.vertices[corner], origins.numpy(), directions.numpy())[..., None]
+    """The surface where each ray meets its face."""
+    vertex = mesh.faces[face]
+    corner = mesh.vertices[vertex]
+    weights = raycast.barycentric(corner, origins, directions)
 
-    def mix(attribute: Float[np.ndarray, "v c"]) -> Float[Tensor, "p c"]:
-        return torch.from_numpy(np.where(hit[:, None], (attribute[corner] * weights).sum(1), 0.0))
+    def mix(attribute: Float[np.ndarray, "v c"] | None, channels: int) -> Float[Tensor, "p c"]:
+        if attribute is None:
+            return torch.zeros(len(face), channels, dtype=torch.float64)
+        return torch.from_numpy(np.einsum("pi,pic->pc", weights, attribute[vertex]))
 
-    a, b, c = (mesh.vertices[corner[:, i]] for i in range(3))
-    flat = torch.from_numpy(np.where(hit[:, None], np.cross(b - a, c - a), 0.0))
-    geometric = torch.nn.functional.normalize(flat, dim=-1)
-    normal = geometric if mesh.normals is None else torch.nn.functional.normalize(mix(mesh.normals), dim=-1)
-    uv = mix(np.zeros((len(mesh.vertices), 2)) if mesh.uv is None else mesh.uv)
-    material, part = (
-        torch.from_numpy(np.where(hit, of_face[face], 0))
-        for of_face in (mesh.material, np.zeros_like(mesh.material) if mesh.part is None else mesh.part)
-    )
-    along_u = mix(np.zeros((len(mesh.vertices), 4)) if tangent is None else tangent)
+    flat = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
+    geometric = torch.nn.functional.normalize(torch.from_numpy(flat), dim=-1)
+    smooth = torch.nn.functional.normalize(mix(mesh.normals, 3), dim=-1)
     return GBuffer(
-        torch.from_numpy(hit), mix(mesh.vertices), normal, geometric, uv, -directions, material, part, along_u
+        hit=torch.ones(len(face), dtype=torch.bool),
+        position=mix(mesh.vertices, 3),
+        normal=geometric if mesh.normals is None else smooth,
+        geometric_normal=geometric,
+        uv=mix(mesh.uv, 2),
+        view=torch.from_numpy(-directions),
+        material=torch.from_numpy(mesh.material[face]),
+        part=torch.from_numpy((np.zeros_like(mesh.material) if mesh.part is None else mesh.part)[face]),
+        tangent=mix(tangent, 4),
     )
+
+
+def _spread(met: GBuffer, hit: Bool[Tensor, " p"]) -> GBuffer:
+    """The hits' values at the rays that hit, 0 at the others."""
+
+    def spread(values: Tensor) -> Tensor:
+        return values.new_zeros(len(hit), *values.shape[1:]).index_put((hit,), values)
+
+    return GBuffer(*(spread(getattr(met, f.name)) for f in fields(met)))
