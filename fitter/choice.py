@@ -6,6 +6,8 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+from torch import Tensor
+
 from fitter.residuals import ROBUST_AT, pseudo_huber, relative_weight, scatter
 from fitter.result import MaterialType
 from fitter.search import Fit, Problem, draft, fit_material, refined
@@ -31,18 +33,22 @@ class Choice:
     @property
     def runner_up(self) -> tuple[MaterialType, float] | None:
         """The next best type, and how much worse its criterion is."""
-        others = sorted((bic, kind) for kind, bic in self.criteria.items() if kind != self.fit.material.type)
-        return (others[0][1], others[0][0]) if others else None
+        others: dict[MaterialType, float] = {
+            kind: bic for kind, bic in self.criteria.items() if kind != self.fit.material.type
+        }
+        return min(others.items(), key=lambda each: each[1]) if others else None
 
 
 def fit_type(problem: Problem, kind: MaterialType | None) -> Choice:
     """Fit a material of the given type, or of the type that explains the pixels best."""
     if kind is not None:
         return Choice(fit_material(problem, kind), {kind: 0.0})
-    drafts = {kind: draft(problem, kind) for kind in KINDS}
+    drafts: dict[MaterialType, Fit] = {each: draft(problem, each) for each in KINDS}
     rough = _criteria(problem, drafts)
     within = 3 * len(problem.observed.radiance) * math.log(HOPELESS)
-    fits = {kind: refined(problem, each) for kind, each in drafts.items() if rough[kind] <= within}
+    fits: dict[MaterialType, Fit] = {
+        each: refined(problem, fit) for each, fit in drafts.items() if rough[each] <= within
+    }
     criteria = _criteria(problem, fits)
     best = min(criteria, key=criteria.__getitem__)
     return Choice(fits[best], {**rough, **criteria})
@@ -57,11 +63,12 @@ def _criteria(problem: Problem, fits: Mapping[MaterialType, Fit]) -> dict[Materi
     """
     seen = problem.observed.radiance
     weight = relative_weight(seen)
-    differences = {kind: (fit.picture - seen) * weight for kind, fit in fits.items()}
+    differences: dict[MaterialType, Tensor] = {kind: (fit.picture - seen) * weight for kind, fit in fits.items()}
     least = max(min(scatter(each) for each in differences.values()), 1e-9)
-    bic = {}
+    bic: dict[MaterialType, float] = {}
     for kind, difference in differences.items():
         count = difference.numel()
         mean_square = float(pseudo_huber(difference, ROBUST_AT * least).square().mean())
         bic[kind] = count * math.log(max(mean_square, 1e-18)) + len(fits[kind].x) * math.log(count)
-    return {kind: each - min(bic.values()) for kind, each in bic.items()}
+    best = min(bic.values())
+    return {kind: each - best for kind, each in bic.items()}

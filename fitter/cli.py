@@ -21,6 +21,7 @@ from typer.exceptions import TyperException
 from renderer.errors import InputError
 
 if TYPE_CHECKING:
+    from renderer.scene import LightSpec
     from renderer.truth import ShadingModel, TrueMaterial
 
 BEGUN = time.perf_counter()
@@ -237,6 +238,10 @@ def synth(
     ] = None,
     mesh: Annotated[Path | None, typer.Option(help="Any mesh file; without it the unit sphere.")] = None,
     env: Annotated[str, typer.Option(help="studio, sunsky, a map, or a folder with six faces.")] = "studio",
+    light: Annotated[
+        tuple[float, float, float, float, float, float] | None,
+        typer.Option(metavar="X Y Z R G B", help="A directional light: towards it, and its irradiance."),
+    ] = None,
     views: Annotated[int, typer.Option(help="Number of photographs.")] = 3,
     size: Annotated[int, typer.Option(help="Their width and height in pixels.")] = 256,
     spp: Annotated[int, typer.Option(help="Samples per pixel.")] = 1024,
@@ -261,6 +266,7 @@ def synth(
         model=chosen,
         mesh=mesh,
         env=env,
+        lights=() if light is None else (_light(light),),
         views=views,
         size=size,
         spp=spp,
@@ -311,6 +317,14 @@ def _stem(result: Path) -> str:
     folder, ending = result.resolve().parent, ".thesis.mtl"
     names = [path.name.removesuffix(ending) for path in folder.glob(f"?*{ending}")]
     return names[0] if len(names) == 1 else folder.name or "material"
+
+
+def _light(values: tuple[float, ...]) -> LightSpec:
+    from renderer.checked import check
+    from renderer.scene import LightSpec
+
+    table = {"type": "directional", "direction": values[:3], "irradiance": values[3:]}
+    return check(LightSpec, table, Path("--light"))
 
 
 def _true_material(asked: Any, **said: Any) -> tuple[TrueMaterial, ShadingModel]:

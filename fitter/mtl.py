@@ -7,19 +7,17 @@ readers stumble over what; the order of keys and the spelling of texture lines h
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Any
 
 from fitter.result import FittedMaterial
+from renderer.mtl_text import FLOAT32_MAX, written_names
 from shaders.materials import TYPE_CODES
 
 ILLUM: Mapping[str, int] = MappingProxyType({"matte": 1, "glossy": 2, "metal": 3})
 """The ordinary `illum`: diffuse, with highlight, with reflection."""
-
-FLOAT32_MAX = (2 - 2**-23) * 2.0**127
 
 Lines = Iterator[str]
 
@@ -138,27 +136,12 @@ def _file(
     body: Callable[[FittedMaterial, Maps], Lines],
 ) -> str:
     """The whole file: one `newmtl` block each, an empty line between them, a line break at the end."""
-    names = _distinct([_safe_name(material.name) for material in materials])
+    names = written_names(material.name for material in materials)
     blocks = (
         "\n".join([f"newmtl {name}", *body(material, maps.get(material.name, Maps()))])
         for name, material in zip(names, materials, strict=True)
     )
     return "\n\n".join(blocks) + "\n"
-
-
-def _safe_name(name: str) -> str:
-    """`name` without what loses materials in tinyobjloader and Blender: blanks, BOM, emptiness."""
-    kept = re.sub(r"[\s\x00-\x1f\x7f#\\]+", "_", name.replace("\ufeff", "").strip())
-    return kept or "unnamed"
-
-
-def _distinct(names: list[str]) -> list[str]:
-    """The names, those met before with _2, _3, … behind them."""
-    taken: list[str] = []
-    for name in names:
-        free = (f"{name}_{i}" if i > 1 else name for i in range(1, len(names) + 1))
-        taken.append(next(candidate for candidate in free if candidate not in taken))
-    return taken
 
 
 def _texture(key: str, file: str) -> str:

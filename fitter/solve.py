@@ -23,6 +23,7 @@ PRECISE, ROUGH = 1e-6, 1e-2  # tolerances: of a result, and of a start for a bet
 UNSEEN = 0.1  # half a squared distance to the minimum, in standard errors of the parameters: 0.3 of one
 ZERO_RESIDUAL = 1e-9  # share of the first cost that counts as none where a perfect fit exists
 RANK_CUT = 1e-12  # singular values below this share of the largest are rounding
+ROWS, COLUMNS = 12288, 8  # problems are padded to multiples of these; a standard fit has 12003 × 7
 STILL = 5  # steps in a row below the tolerance end Adam
 MAX_STEPS = {"lm": 64, "adam": 1000, "lbfgs": 200}
 
@@ -64,18 +65,32 @@ def levenberg_marquardt(residual: Residual, start: Float[Tensor, " x"], toleranc
     import jax.numpy as jnp
 
     begun = time.perf_counter()
-    bridge, run = _compiled(len(residual(start)))
-    bridge.function = residual
-    value, steps = run(jnp.asarray(start.numpy()), tolerance)
-    x = torch.tensor(value.tolist(), dtype=torch.float64)  # waits for JAX
+    unknowns, rows = len(start), _multiple(ROWS, len(residual(start)))
+    bridge, run = _compiled(rows)
+    bridge.function = lambda padded: _padded(residual(padded[:unknowns]), rows)
+    value, steps = run(jnp.asarray(_padded(start, _multiple(COLUMNS, unknowns)).numpy()), tolerance)
+    x = torch.tensor(value.tolist(), dtype=torch.float64)[:unknowns]  # waits for JAX
     if bridge.raised is not None:
         raise bridge.raised
     return _solution(residual, start, x, int(steps), begun, tolerance)
 
 
+def _multiple(of: int, count: int) -> int:
+    """The next multiple."""
+    return -(-count // of) * of
+
+
+def _padded(vector: Float[Tensor, " x"], size: int) -> Float[Tensor, " size"]:
+    return torch.cat([vector, vector.new_zeros(size - len(vector))])
+
+
 @functools.cache
 def _compiled(size: int) -> tuple[Bridge, Callable[..., tuple[Any, Any]]]:
-    """Levenberg–Marquardt for residuals of one length; compiling takes longer than most fits."""
+    """Levenberg–Marquardt for residuals of one length; compiling takes longer than most fits.
+
+    So problems are padded to a few sizes with zeros, which add nothing to a sum of squares: residuals that are always
+    0, and unknowns that move nothing and that damping keeps where they are.
+    """
     import jax
     import optimistix as optx
 
