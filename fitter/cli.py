@@ -244,13 +244,13 @@ def synth(
     ] = None,
     views: Annotated[int, typer.Option(help="Number of photographs.")] = 3,
     size: Annotated[int, typer.Option(help="Their width and height in pixels.")] = 256,
-    spp: Annotated[int, typer.Option(help="Samples per pixel.")] = 1024,
+    spp: Annotated[int, typer.Option(help="Samples per pixel; Mitsuba's alone, the viewer's model has one.")] = 1024,
     noise: Annotated[float, typer.Option(help="Relative noise to add, as a standard deviation.")] = 0.0,
     seed: Seed = 0,
     variant: Annotated[str, typer.Option(help="Mitsuba's: scalar_rgb, or llvm_ad_rgb where LLVM is.")] = "scalar_rgb",
     quiet: Quiet = False,
 ) -> None:
-    """Photograph an object with Mitsuba: EXR files, scene.toml to fit them, truth.json to compare."""
+    """Photograph an object of known materials: EXR files, scene.toml to fit them, truth.json to compare."""
     said = {"metal": metal, "n": n, "k": k, "color": color, "reflectance": reflectance}
     said |= {"alpha": alpha, "roughness": roughness}
     asked = None if model is None else model.value

@@ -16,7 +16,8 @@ from renderer.camera import Camera
 from renderer.environment import Environment
 from renderer.errors import InputError
 from renderer.mesh import Mesh, Shape, Sphere
-from renderer.truth import Channels, Distribution, TrueGlossy, TrueMaterial, TrueMetal, index_of
+from renderer.truth import Channels, Distribution, TrueGlossy, TrueMaterial, TrueMetal
+from shaders.fresnel import index_limit
 from shaders.shade import DirectionalLight
 
 Bsdf = dict[str, Any]
@@ -75,7 +76,8 @@ def plastic(color: Channels, reflectance: float, alpha: float, distribution: Dis
         reflectance: F0 of the surface at normal incidence, in (0, 1), made by its index of refraction.
         alpha, distribution: as `conductor`'s.
     """
-    body = {"diffuse_reflectance": _rgb(color), "int_ior": index_of(reflectance), "ext_ior": 1.0, "nonlinear": False}
+    index = float(index_limit(torch.tensor(reflectance, dtype=torch.float64)))  # F0 = ((η-1)/(η+1))²
+    body = {"diffuse_reflectance": _rgb(color), "int_ior": index, "ext_ior": 1.0, "nonlinear": False}
     if alpha == 0:
         return {"type": "plastic", **body}
     return {"type": "roughplastic", **body, **_microfacets(alpha, distribution)}

@@ -98,12 +98,6 @@ class TrueMatte:
 TrueMaterial = TrueMetal | TrueGlossy | TrueMatte
 
 
-def index_of(reflectance: float) -> float:
-    """Refractive index η = (1+√F0)/(1-√F0) of the dielectric that reflects F0 = ((η-1)/(η+1))², in [0, 1)."""
-    root = math.sqrt(reflectance)
-    return (1 + root) / (1 - root)
-
-
 def require(option: str, value: object, fulfilled: bool, expected: str) -> None:
     """Raises InputError where what is expected of a command-line option's value is not fulfilled."""
     if not fulfilled:

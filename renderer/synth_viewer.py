@@ -1,0 +1,54 @@
+"""Photographs in the viewer's own model: what the thesis's shading makes of a true material."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from renderer.camera import Camera
+from renderer.environment import Environment
+from renderer.mesh import Shape
+from renderer.model import Appearance
+from renderer.scene import LightSpec
+from renderer.shading import render_shape
+from renderer.surroundings import surroundings
+from renderer.truth import Channels, TrueGlossy, TrueMaterial, TrueMetal
+from shaders.materials import Glossy, Material, Matte, Metal
+
+
+def viewer_photographer(
+    shape: Shape, environment: Environment, materials: Sequence[TrueMaterial], lights: Sequence[LightSpec]
+) -> Callable[[Camera, int, Callable[[float], None]], Float[np.ndarray, "h w 4"]]:
+    """Who takes photographs as the viewer draws them, one sample in the middle of each pixel; nothing is random.
+
+    Args:
+        shape, environment, lights: what is seen, in which light.
+        materials: one for each of the shape's names; all but matte ones have a roughness.
+    """
+    appearances = [Appearance(thesis_material(material)) for material in materials]
+    around = surroundings(environment, lights)
+
+    def photograph(camera: Camera, seed: int, progress: Callable[[float], None]) -> Float[np.ndarray, "h w 4"]:
+        with torch.no_grad():
+            pixels = render_shape(shape, appearances, camera, around)
+        progress(1.0)
+        return pixels.numpy().astype(np.float32)
+
+    return photograph
+
+
+def thesis_material(material: TrueMaterial) -> Material:
+    """The thesis's material of these numbers, float64; without a roughness, a mirror."""
+    if isinstance(material, TrueMetal):
+        return Metal(_tensor(material.n), _tensor(material.k), _tensor(material.roughness or 0.0))
+    if isinstance(material, TrueGlossy):
+        return Glossy(_tensor(material.color), _tensor(material.reflectance), _tensor(material.roughness or 0.0))
+    return Matte(_tensor(material.color), _tensor(material.reflectance))
+
+
+def _tensor(value: Channels | float) -> Float[Tensor, "..."]:
+    return torch.tensor(value, dtype=torch.float64)

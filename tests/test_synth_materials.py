@@ -1,0 +1,433 @@
+"""Ground truth of every kind of material: what Mitsuba makes of it against closed forms, and what is written down."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from renderer.camera import Camera, look_at
+from renderer.environment import Environment, directions
+from renderer.errors import InputError
+from renderer.images import read_image, write_exr
+from renderer.mesh import Mesh, Sphere, read_mesh
+from renderer.path_tracer import render
+from renderer.scene import LightSpec, read_scene, read_shape
+from renderer.surroundings import directional_light
+from renderer.synth import SynthOptions, synthesise
+from renderer.to_mitsuba import bsdf_of, diffuse, mitsuba, plastic
+from renderer.truth import TrueGlossy, TrueMaterial, TrueMatte, TrueMetal
+from renderer.views import views
+from shaders.fresnel import conductor
+
+SIZE = 24
+GOLD = TrueMetal((0.146, 0.425, 1.431), (3.578, 2.326, 1.85), 0.2)
+RED = TrueGlossy((0.6, 0.1, 0.05), (0.04, 0.04, 0.04), 0.15)
+CLAY = TrueMatte((0.5, 0.3, 0.2))
+COLORS = ((0.8, 0.2, 0.1), (0.1, 0.7, 0.3), (0.2, 0.1, 0.9))
+NAMES = ("warm", "green, with a comma", "cold")
+OCTAHEDRON = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], dtype=float)
+
+
+@pytest.fixture(scope="module")
+def mi():
+    return mitsuba("scalar_rgb")
+
+
+def grey(radiance: float = 1.0) -> Environment:
+    return Environment(torch.full((8, 16, 3), radiance))
+
+
+@pytest.fixture(scope="module")
+def grey_file(tmp_path_factory) -> str:
+    path = tmp_path_factory.mktemp("grey") / "grey.exr"
+    write_exr(path, np.ones((8, 16, 3), np.float32))
+    return str(path)
+
+
+@pytest.fixture(scope="module")
+def octahedron(tmp_path_factory) -> Path:
+    """|x| + |y| + |z| = 1, whose i-th octant is made of NAMES[i % 3]; convex, so that no side sees another."""
+    lines = ["v 1 0 0", "v -1 0 0", "v 0 1 0", "v 0 -1 0", "v 0 0 1", "v 0 0 -1"]
+    for i, (x, y, z) in enumerate(OCTAHEDRON):
+        corners = [1 + (x < 0), 3 + (y < 0), 5 + (z < 0)]
+        corners = corners if x * y * z > 0 else corners[::-1]
+        lines += [f"usemtl {NAMES[i % 3]}", f"f {corners[0]} {corners[1]} {corners[2]}"]
+    path = tmp_path_factory.mktemp("octahedron") / "octahedron.obj"
+    path.write_text("\n".join(lines))
+    return path
+
+
+def orthographic(size: int = SIZE, scale: float = 1.1) -> Camera:
+    pose = look_at(*map(torch.tensor, ([1.0, 2.0, 3.0], [0.0, 0.0, 0.0], [0.1, 1.0, 0.0])))
+    return Camera(pose, size, size, "orthographic", scale=scale)
+
+
+def normals(camera: Camera) -> tuple[np.ndarray, np.ndarray]:
+    """Of the unit sphere at the centres of an orthographic camera's pixels, and n·v there; n·v = 0 beside it."""
+    row, column = torch.meshgrid(torch.arange(SIZE) + 0.5, torch.arange(SIZE) + 0.5, indexing="ij")
+    origin, along = (v.numpy() for v in camera.rays(column, row))
+    across = origin - (origin * along).sum(-1, keepdims=True) * along
+    n_dot_v = np.sqrt(np.clip(1 - (across**2).sum(-1), 0, None))
+    return across - n_dot_v[..., None] * along, n_dot_v
+
+
+def facing(mi):
+    """An interaction that is looked at from straight above."""
+    interaction = mi.SurfaceInteraction3f()
+    interaction.wi = mi.Vector3f(0, 0, 1)
+    return interaction
+
+
+@given(reflectance=st.floats(1e-4, 0.18))
+def test_smooth_plastic_mirrors_its_reflectance_at_normal_incidence(mi, reflectance):
+    bsdf = mi.load_dict(plastic((0.0, 0.0, 0.0), reflectance, 0.0))
+    sample, weight = bsdf.sample(mi.BSDFContext(), facing(mi), 0.0, mi.Point2f(0.5))
+    # η - 1 >= 0.02 is held in float32: its square within 2 · 6e-8 · η/(η - 1)
+    np.testing.assert_allclose(sample.pdf * np.array(weight), reflectance, rtol=1e-5)
+
+
+@pytest.mark.parametrize("distribution", ["ggx", "beckmann"])
+@settings(max_examples=12)  # Mitsuba tabulates transmittances anew for each
+@given(reflectance=st.floats(1e-4, 0.99), alpha=st.floats(0.01, 1.0))
+def test_rough_plastic_has_its_reflectance_at_normal_incidence(mi, distribution, reflectance, alpha):
+    """Straight back the lobe is F0 D(0)/4, with D(0) = 1/(πα²) for either distribution [Walter 2007]."""
+    bsdf = mi.load_dict(plastic((0.0, 0.0, 0.0), reflectance, alpha, distribution))
+    lobe = np.array(bsdf.eval(mi.BSDFContext(), facing(mi), mi.Vector3f(0, 0, 1)))
+    # float32 as above, in η, in 1 - √F0 > 0.005, and in α²
+    np.testing.assert_allclose(lobe * 4 * math.pi * alpha**2, reflectance, rtol=2e-5)
+
+
+def test_a_matte_ball_in_a_furnace_gives_back_its_color():
+    pixels = render(Sphere(), orthographic(), grey(2.0), bsdf_of(CLAY), spp=64)
+    covered = pixels[..., 3] == 1
+    shown = pixels[covered, :3] / 2
+    for channel, color in enumerate(CLAY.color):
+        error = float(shown[:, channel].std()) / math.sqrt(covered.sum())
+        assert shown[:, channel].mean() == pytest.approx(color, abs=4 * error)  # 4 σ of the mean
+        assert error < 0.003
+
+
+@pytest.mark.parametrize(("metal", "expected"), [(replace(GOLD, alpha=0.0), conductor)])
+def test_a_metal_of_no_alpha_is_a_mirror(metal, expected):
+    pixels = render(Sphere(), orthographic(), grey(3.0), bsdf_of(metal), spp=16)
+    _, n_dot_v = normals(orthographic())
+    inside = n_dot_v > 0.5  # there F is so even that the pixel's centre stands for the pixel
+    n, k = (torch.tensor(index, dtype=torch.float64) for index in (metal.n, metal.k))
+    reflected = 3 * expected(torch.tensor(n_dot_v[inside])[:, None], n, k).numpy()
+    # a mirror has no noise; within a pixel n·v changes by 0.16 at most here, and F by up to 0.1 times that
+    np.testing.assert_allclose(pixels[inside, :3], reflected, atol=3 * 0.016)
+    assert pixels[inside, :3].mean() == pytest.approx(reflected.mean(), rel=2e-3)
+
+
+def test_a_directional_light_gives_its_irradiance_where_it_faces():
+    towards, irradiance, sky = np.array([2.0, -1.0, 2.0]) / 3, np.array([3.0, 2.0, 1.0]), 0.05
+    spec = LightSpec(type="directional", direction=(20.0, -10.0, 20.0), irradiance=(3.0, 2.0, 1.0))
+    light = directional_light(spec)
+    pixels = render(Sphere(), orthographic(), grey(sky), bsdf_of(CLAY), lights=[light], spp=256)
+    normal, n_dot_v = normals(orthographic())
+    n_dot_l = (normal * towards).sum(-1)[..., None]
+    direct = np.array(CLAY.color) * irradiance / math.pi * np.clip(n_dot_l, 0, None)
+    expected = direct + np.array(CLAY.color) * sky
+    inside = n_dot_v > 0.4
+    assert (n_dot_l[inside] < -0.3).any()  # some of it lies in the shadow
+    # each sample asks map or light by the toss of a coin, and counts it twice: a deviation of 1/√256 of the light's
+    # part. Within a pixel, 0.09 of the plane, the normal turns by 0.23 at n·v = 0.4: over 256 positions 0.23/√12/16
+    deviation = direct / 16 + 0.3 * sky / 16 + 0.004
+    assert (np.abs(pixels[..., :3] - expected) < 5 * deviation)[inside].all()
+    error = float(np.sqrt((deviation[inside] ** 2).sum(0)).max()) / inside.sum()
+    np.testing.assert_allclose(pixels[inside, :3].mean(0), expected[inside].mean(0), atol=4 * error)
+
+
+def materials_seen(camera: Camera) -> np.ndarray:
+    """Index into NAMES of the side that fills each pixel; -1 where it is not one side alone."""
+    row, column = torch.meshgrid(torch.arange(SIZE + 1.0), torch.arange(SIZE + 1.0), indexing="ij")
+    corner = sides_seen(*(v.numpy() for v in camera.rays(column, row)))
+    four = np.stack([corner[:-1, :-1], corner[:-1, 1:], corner[1:, :-1], corner[1:, 1:]])
+    return np.where((four == four[0]).all(0) & (four[0] >= 0), four[0] % 3, -1)
+
+
+def sides_seen(origin: np.ndarray, along: np.ndarray) -> np.ndarray:
+    """Octant of the octahedron that rays enter by, which is the last half-space that they enter; -1 if they pass."""
+    towards, before = along @ OCTAHEDRON.T, 1 - origin @ OCTAHEDRON.T
+    times = before / towards
+    enters = np.where(towards < 0, times, -np.inf)
+    leaves = np.where(towards > 0, times, np.inf)
+    return np.where(enters.max(-1) < leaves.min(-1), enters.argmax(-1), -1)
+
+
+def test_each_side_shows_the_material_that_the_file_names(octahedron, grey_file, tmp_path):
+    material = {name: TrueMatte(color) for name, color in zip(reversed(NAMES), reversed(COLORS), strict=True)}
+    options = SynthOptions(material, mesh=octahedron, env=grey_file, size=SIZE, views=3, spp=16)
+    path = synthesise(options, tmp_path)
+    shape = read_mesh(octahedron)
+    seen = set()
+    for index, view in enumerate(views(3, shape)):
+        radiance = read_image(tmp_path / f"view_{index}.exr").radiance
+        expected = materials_seen(view.camera(SIZE))
+        for material_index in set(expected[expected >= 0].tolist()):
+            shown, color = radiance[expected == material_index], np.array(COLORS[material_index])
+            brightness = (shown / color).mean(-1)
+            error = brightness.std() / math.sqrt(len(brightness))
+            assert brightness.mean() == pytest.approx(1, abs=4 * error + 1e-3)  # 4 σ of the mean
+            # whatever the noise of a pixel, under grey light its hue is the body's: float32, and the file's
+            np.testing.assert_allclose(shown / brightness[:, None], np.broadcast_to(color, shown.shape), rtol=1e-4)
+            seen.add(material_index)
+    assert seen == {0, 1, 2}
+    found = read_shape(read_scene(path).geometry)
+    assert isinstance(found, Mesh)
+    assert found.material_names == shape.material_names
+    entries = json.loads((tmp_path / "truth.json").read_text())["materials"]
+    assert [entry["name"] for entry in entries] == [*shape.material_names]
+    assert {entry["name"]: tuple(entry["color"]) for entry in entries} == dict(zip(NAMES, COLORS, strict=True))
+
+
+def corner_of_a_room() -> Mesh:
+    """A white floor and, of another material, a wall at its edge."""
+    floor = [[0, 0, 0], [0, 0, 1], [1, 0, 1], [1, 0, 0]]
+    wall = [[0, 0, 0], [0, 1, 0], [0, 1, 1], [0, 0, 1]]
+    faces = np.array([[0, 1, 2], [0, 2, 3], [4, 5, 6], [4, 6, 7]])
+    return Mesh(np.array(floor + wall, float), faces, None, None, np.array([0, 0, 1, 1]), ("floor", "wall"))
+
+
+def test_materials_light_each_other():
+    """The floor under a grey sky is grey, but for the light that the red wall gives it."""
+    pose = look_at(*map(torch.tensor, ([0.5, 5.0, 0.5], [0.5, 0.0, 0.5], [0.0, 0.0, -1.0])))
+    camera = Camera(pose, 8, 8, "orthographic", scale=0.45)
+    bsdfs = [diffuse((0.8, 0.8, 0.8)), diffuse((0.9, 0.0, 0.0))]
+    alone, together = (
+        render(corner_of_a_room(), camera, grey(), bsdfs, spp=64, max_depth=depth)[..., :3] for depth in (2, 3)
+    )
+    np.testing.assert_allclose(alone[..., 0], alone[..., 1], rtol=1e-5)
+    np.testing.assert_allclose(together[..., 1], together[..., 2], rtol=1e-5)
+    redder = (together[..., 0] - together[..., 1]).mean(0)
+    assert (redder > 0).all()
+    # a differential floor sees of a wall on its edge, along its middle line, a share F; the wall sees half the sky
+    near, far = redder[0], redder[-1]
+    assert near > 2 * far
+
+
+def ball_seen(camera: Camera) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Of the unit sphere at pixel centres: normal, n·v, and the mirrored view direction; nan beside it."""
+    row, column = torch.meshgrid(torch.arange(SIZE) + 0.5, torch.arange(SIZE) + 0.5, indexing="ij")
+    origin, along = (v.numpy() for v in camera.rays(column, row))
+    half = (origin * along).sum(-1)
+    with np.errstate(invalid="ignore"):
+        distance = -half - np.sqrt(half**2 - (origin**2).sum(-1) + 1)
+    normal = origin + distance[..., None] * along
+    n_dot_v = -(normal * along).sum(-1)
+    return normal, n_dot_v, along + 2 * n_dot_v[..., None] * normal
+
+
+def schlick(n_dot_v: np.ndarray, f0: Sequence[float]) -> np.ndarray:
+    return np.array(f0) + (1 - np.array(f0)) * (1 - n_dot_v[..., None]) ** 5
+
+
+def under_grey_light(material: TrueMaterial, n_dot_v: np.ndarray) -> np.ndarray:
+    """What the thesis's materials show under radiance 1 from everywhere [MODEL.md 4]."""
+    if isinstance(material, TrueMetal):
+        index = np.array(material.n) + 1j * np.array(material.k)
+        return schlick(n_dot_v, np.abs((index - 1) / (index + 1)) ** 2)
+    f, color = schlick(n_dot_v, material.reflectance), np.array(material.color)
+    if isinstance(material, TrueMatte):
+        return color * f
+    return color / np.maximum(1, (color / (1 - f)).max(-1, keepdims=True)) + f
+
+
+VIEWERS = [
+    replace(GOLD, alpha=None, roughness=0.3),
+    TrueGlossy((0.7, 0.2, 0.1), (0.04, 0.1, 0.35), roughness=0.2),
+    TrueMatte((0.7, 0.2, 0.1), (0.3, 0.5, 1.0)),
+]
+
+
+@pytest.mark.parametrize("material", VIEWERS)
+def test_the_viewers_photographs_follow_the_thesis(material, grey_file, tmp_path):
+    truth = truth_of(tmp_path, SynthOptions(material, model="viewer", env=grey_file, size=SIZE, views=2))
+    for index, view in enumerate(views(2, Sphere())):
+        photograph = read_image(tmp_path / f"view_{index}.exr")
+        _, n_dot_v, _ = ball_seen(view.camera(SIZE))
+        covered = np.isfinite(n_dot_v)
+        assert photograph.alpha is not None
+        np.testing.assert_array_equal(photograph.alpha, covered)
+        expected = under_grey_light(material, n_dot_v[covered])
+        # float32 of the lookups and of the file; weights of 49 taps that add up to 1
+        np.testing.assert_allclose(photograph.radiance[covered], expected, rtol=3e-6)
+    (entry,) = truth["materials"]
+    assert " ".join(entry) == KEYS
+    assert (entry["alpha"], entry["roughness"]) == (None, getattr(material, "roughness", None))
+    assert (truth["model"], truth["mitsuba"], truth["spp"]) == ("viewer", None, None)
+
+
+@pytest.mark.parametrize("roughness", [0.0, 0.5])
+def test_the_viewers_roughness_blurs_what_lies_in_the_mirrored_direction(roughness, tmp_path):
+    """Under the sky L(ω) = 1 + ω/2 the 49 taps leave 1 + m r/2: across r they cancel [MODEL.md 3.1]."""
+    sky = tmp_path / "sky.exr"
+    write_exr(sky, (1 + directions(128, 256) / 2).float().numpy())
+    metal = replace(GOLD, alpha=None, roughness=roughness)
+    synthesise(SynthOptions(metal, model="viewer", env=str(sky), size=SIZE, views=1), tmp_path)
+    _, n_dot_v, reflected = ball_seen(views(1, Sphere())[0].camera(SIZE))
+    covered = np.isfinite(n_dot_v)
+    tap = np.arange(-3, 4)
+    weight = np.exp(-0.5 * (tap / 1.5) ** 2)
+    cosine = 1 / np.sqrt(1 + roughness**2 * (tap[:, None] ** 2 + tap**2) / 9)
+    shrunk = (weight[:, None] * weight * cosine).sum() / weight.sum() ** 2
+    expected = under_grey_light(metal, n_dot_v[covered]) * (1 + shrunk * reflected[covered] / 2)
+    shown = read_image(tmp_path / "view_0.exr").radiance[covered]
+    # bilinear between texels of 1.4°: (π/128)²/8 · ½, once for the map and once for the cube made of it
+    np.testing.assert_allclose(shown, expected, atol=2e-4)
+
+
+def test_the_viewer_shows_each_side_made_of_its_material(octahedron, grey_file, tmp_path):
+    material = {name: TrueMatte(color) for name, color in zip(NAMES, COLORS, strict=True)}
+    synthesise(SynthOptions(material, model="viewer", mesh=octahedron, env=grey_file, size=SIZE, views=1), tmp_path)
+    radiance = read_image(tmp_path / "view_0.exr").radiance
+    seen = materials_seen(views(1, read_mesh(octahedron))[0].camera(SIZE))
+    assert set(seen.flat) == {-1, 0, 1, 2}
+    np.testing.assert_allclose(radiance[seen >= 0], np.array(COLORS)[seen[seen >= 0]], rtol=3e-6)
+
+
+def test_a_light_shines_on_the_viewers_photographs(grey_file, tmp_path):
+    """E of MODEL.md 4 is the irradiance over π, so that Mitsuba's matte ball looks alike."""
+    light = LightSpec(type="directional", direction=(0.0, 2.0, 0.0), irradiance=(math.pi, 0.0, 0.0))
+    options = SynthOptions(CLAY, model="viewer", env=grey_file, lights=(light,), size=SIZE, views=1)
+    synthesise(options, tmp_path)
+    radiance = read_image(tmp_path / "view_0.exr").radiance
+    normal, n_dot_v, _ = ball_seen(views(1, Sphere())[0].camera(SIZE))
+    covered = np.isfinite(n_dot_v)
+    facing_up = np.clip(normal[covered][:, 1:2], 0, None)
+    expected = np.array(CLAY.color) * (1 + facing_up * [1.0, 0.0, 0.0])
+    np.testing.assert_allclose(radiance[covered], expected, rtol=1e-5)
+    assert facing_up.max() > 0.5
+
+
+MATERIALS = [
+    GOLD,
+    replace(GOLD, alpha=0.0),
+    RED,
+    replace(RED, alpha=0.0),
+    replace(RED, distribution="beckmann"),
+    CLAY,
+]
+KEYS = "name type n k alpha roughness color reflectance f0 distribution metal source held"
+
+
+def truth_of(folder: Path, options: SynthOptions) -> dict:
+    synthesise(options, folder)
+    return json.loads((folder / "truth.json").read_text(encoding="utf-8"))
+
+
+@pytest.mark.parametrize("material", MATERIALS)
+def test_the_truth_is_written_and_is_what_mitsuba_holds(material, grey_file, tmp_path):
+    truth = truth_of(tmp_path, SynthOptions(material, env=grey_file, size=8, views=1, spp=1))
+    (entry,) = truth["materials"]
+    assert " ".join(entry) == KEYS
+    assert (entry["name"], entry["type"], entry["roughness"], truth["model"]) == (
+        "default",
+        material.type,
+        None,
+        "mitsuba",
+    )
+    for key in ("n", "k", "color", "reflectance", "alpha"):
+        value = getattr(material, key, None)
+        assert entry[key] == (list(value) if isinstance(value, tuple) else value)
+    assert entry["distribution"] == (material.distribution if entry["alpha"] else None)
+    held = entry["held"]
+    if material.type == "metal":
+        assert held["eta"] == pytest.approx(entry["n"], rel=1e-6)
+        assert held["k"] == pytest.approx(entry["k"], rel=1e-6)
+        assert truth["spectra"] == {"eta": held["eta"], "k": held["k"]}
+    elif material.type == "glossy":
+        (index,) = held["eta"]
+        assert entry["f0"] == entry["reflectance"]
+        assert ((index - 1) / (index + 1)) ** 2 == pytest.approx(entry["f0"][0], rel=1e-5)
+        assert held["diffuse_reflectance"] == pytest.approx(entry["color"], rel=1e-6)
+    else:
+        assert held == {"reflectance": pytest.approx(entry["color"], rel=1e-6)}
+        assert (entry["f0"], entry["reflectance"], truth["spectra"]) == (None, [1, 1, 1], None)
+    assert held.get("alpha", [0]) == pytest.approx([entry["alpha"] or 0], rel=1e-6)
+
+
+def test_one_material_for_all_stands_under_every_name(octahedron, grey_file, tmp_path):
+    truth = truth_of(tmp_path, SynthOptions(RED, mesh=octahedron, env=grey_file, size=8, views=1, spp=1))
+    assert {entry.pop("name") for entry in truth["materials"]} == set(NAMES)
+    assert truth["materials"][0] == truth["materials"][1] == truth["materials"][2]
+
+
+def test_a_light_is_written_into_the_scene(grey_file, tmp_path):
+    light = LightSpec(type="directional", direction=(0.3, 0.8, 0.5), irradiance=(3.0, 3.0, 2.8))
+    path = synthesise(SynthOptions(CLAY, env=grey_file, lights=(light,), size=8, views=1, spp=1), tmp_path)
+    assert read_scene(path).lights == (light,)
+
+
+THREE = (0.1, 0.2, 0.3)
+
+
+@pytest.mark.parametrize(
+    ("make", "option"),
+    [
+        (lambda: TrueMetal((0.0, 1.0, 1.0), THREE), "--n"),
+        (lambda: TrueMetal((1.0, math.nan, 1.0), THREE), "--n"),
+        (lambda: TrueMetal(THREE, (1.0, 1.0, -0.1)), "--k"),
+        (lambda: TrueMetal(THREE, (math.inf, 1.0, 1.0)), "--k"),
+        (lambda: TrueMetal(THREE, THREE, 0.0005), "--alpha"),
+        (lambda: TrueMetal(THREE, THREE, -0.1), "--alpha"),
+        (lambda: TrueMetal(THREE, THREE, math.nan), "--alpha"),
+        (lambda: TrueGlossy(THREE, THREE, 1.01), "--alpha"),
+        (lambda: TrueGlossy(THREE, THREE, roughness=-1.0), "--roughness"),
+        (lambda: TrueGlossy(THREE, THREE, roughness=math.nan), "--roughness"),
+        (lambda: TrueMetal(THREE, THREE, 0.1, distribution="phong"), "--distribution"),  # type: ignore[arg-type]
+        (lambda: TrueGlossy((0.1, 0.2, 1.01), THREE), "--color"),
+        (lambda: TrueMatte((-0.1, 0.2, 1.0)), "--color"),
+        (lambda: TrueMatte((math.nan, 0.2, 1.0)), "--color"),
+        (lambda: TrueGlossy(THREE, (0.1, 0.1, 1.1)), "--reflectance"),
+    ],
+)
+def test_a_number_out_of_range_names_its_option(make, option):
+    with pytest.raises(InputError, match=f"^{option}: is .* expected "):
+        make()
+
+
+def all_of(value: float) -> tuple[float, float, float]:
+    return (value, value, value)
+
+
+@pytest.mark.parametrize(
+    ("material", "model", "option"),
+    [
+        (replace(GOLD, alpha=None), "mitsuba", "--alpha: expected"),
+        (replace(GOLD, roughness=0.3), "mitsuba", "--roughness: is 0.3, expected --alpha"),
+        (GOLD, "viewer", "--alpha: is 0.2, expected --roughness"),
+        (replace(RED, alpha=None), "viewer", "--roughness: expected"),
+        (replace(RED, reflectance=(0.04, 0.04, 0.05)), "mitsuba", "--reflectance: is .* three equal numbers"),
+        (replace(RED, reflectance=all_of(0.0)), "mitsuba", "--reflectance: is"),
+        (replace(RED, reflectance=all_of(1.0)), "mitsuba", "--reflectance: is"),
+        (replace(RED, reflectance=all_of(0.2), alpha=0.0), "mitsuba", "--reflectance: is .* at most 0.18"),
+        (TrueMatte(THREE, all_of(0.5)), "mitsuba", "--reflectance: is .* Lambertian"),
+    ],
+)
+def test_a_material_that_the_model_cannot_show_is_refused(material, model, option):
+    with pytest.raises(InputError, match=f"^{option}"):
+        SynthOptions(material, model=model)
+
+
+@pytest.mark.parametrize(
+    ("names", "sentence"),
+    [
+        ((*NAMES, "lid"), "^--materials: is lid, expected a material that the mesh has: .*warm"),
+        (NAMES[:2], "^--materials: expected an entry for cold"),
+    ],
+)
+def test_the_materials_are_those_of_the_mesh(names: Sequence[str], sentence, octahedron, grey_file, tmp_path):
+    options = SynthOptions(dict.fromkeys(names, CLAY), mesh=octahedron, env=grey_file, size=8, views=1, spp=1)
+    with pytest.raises(InputError, match=sentence):
+        synthesise(options, tmp_path / "out")
+    assert not (tmp_path / "out").exists()
