@@ -20,7 +20,7 @@ from shaders.shade import DirectionalLight
 
 VIEWER_FACE_SIZE = 256  # texels along a cubemap face: the resolution of a 1k map
 _AZIMUTHS = 8  # that many equidistant points integrate products of two polynomials of degree 2 in the azimuth exactly
-_GAUSS_POINTS = 8
+_GAUSS_POINTS = 16
 
 
 @dataclass(frozen=True)
