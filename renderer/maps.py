@@ -64,7 +64,7 @@ class MapReader:
             self._remark(block, key, "a texture file that exists; drawn without it")
             return None
         if options := texture_options(block.values[key.lower()]):
-            self.remarks.append(str(block.error(key, " ".join(options), "no such options, which are not drawn")))
+            self.remarks.append(block.remark(f"{key}: {' '.join(options)}"))
         return self._read(file, color)
 
     def _read(self, file: Path, color: bool) -> Texture | None:

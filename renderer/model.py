@@ -110,11 +110,17 @@ def _assigned(path: Path, names: Sequence[str], library: Library) -> tuple[list[
     if len(known) == 1 and tuple(names) == (UNNAMED,):
         return list(known.values()), []
     keys = _keys(names, known)
-    expected = "a material of that name in an MTL file; drawn matte"
-    remarks = [
-        str(InputError(path, "usemtl", name, expected)) for name, key in zip(names, keys, strict=True) if key is None
-    ]
-    return [default_appearance() if key is None else known[key] for key in keys], remarks
+    if not known:
+        unknown = [str(InputError(path, expected="an MTL file with its materials; drawn matte"))]
+    else:
+        unknown = [_unknown(path, name) for name, key in zip(names, keys, strict=True) if key is None]
+    return [default_appearance() if key is None else known[key] for key in keys], unknown
+
+
+def _unknown(path: Path, name: str) -> str:
+    if name == UNNAMED:
+        return str(InputError(path, "usemtl", expected="a material for all faces; those without are drawn matte"))
+    return str(InputError(path, "usemtl", name, "a material of that name in an MTL file; drawn matte"))
 
 
 def _keys(names: Sequence[str], known: Mapping[str, Appearance]) -> list[str | None]:

@@ -106,7 +106,7 @@ def _mapped(block: Block, material: Material, keys: Keys, reader: MapReader) -> 
     """The material with its maps, of which a metal uses no colour."""
     maps = reader.maps(block, keys)
     if maps.color is not None and isinstance(material, Metal):
-        reader.remarks.append(str(block.error("map_Kd", "", "no colour map on a metal; drawn without it")))
+        reader.remarks.append(block.remark("map_Kd", "not drawn, for a metal has no colour"))
         maps = replace(maps, color=None)
     return Appearance(material, maps)
 
@@ -216,13 +216,12 @@ def _clamped(block: Block, key: str, default: float) -> Triple:
 
 
 def _not_drawn(block: Block) -> list[str]:
-    """Remarks about what an ordinary material has and ours have not."""
-    keys = sorted(block.values.keys() & _NOT_DRAWN)
+    """A remark about what an ordinary material has and ours have not, if there is any."""
     opacity, emission = block.number("d"), block.triple("Ke")
-    found = [", ".join(keys)] if keys else []
-    found += ["d"] if opacity is not None and opacity < 1 else []
-    found += ["Ke"] if emission is not None and max(emission) > 0 else []
-    return [str(block.error(key, "", "nothing of the kind, it is not drawn")) for key in found]
+    keys = sorted(block.values.keys() & _NOT_DRAWN)
+    keys += ["d"] if opacity is not None and opacity < 1 else []
+    keys += ["Ke"] if emission is not None and max(emission) > 0 else []
+    return [block.remark(", ".join(keys))] if keys else []
 
 
 def _tensor(values: Triple) -> Float[Tensor, "3"]:

@@ -67,6 +67,10 @@ class Block:
         """The sentence about this material's `key`."""
         return InputError(self.file, f"{shortened(self.name)}: {key}", shortened(str(value)), expected)
 
+    def remark(self, keys: str, what: str = "not drawn") -> str:
+        """A sentence about keys of this material that do no harm and do not count."""
+        return f"{self.file}: {shortened(self.name)}: {keys} {what}"
+
     def _words(self, key: str) -> list[str]:
         return _COMMENT.sub("", self.values.get(key.lower(), "")).split()
 
