@@ -151,6 +151,7 @@ class Controls:
             self.message = f"{key.upper()} keeps no camera; Shift+{key.upper()} makes it keep this one"
         else:
             self._move(kept)
+            self.message = f"camera {key.upper()}"
 
     def _switch_walking(self) -> None:
         self.look = replace(self.look, walking=not self.look.walking)
