@@ -13,12 +13,12 @@ import numpy as np
 
 from renderer.cubemap import FACES
 from renderer.model import Model
+from renderer.shading import reflective_parts
 from renderer.surroundings import VIEWER_FACE_SIZE
 from renderer.viewer.geometry import Bounds, bounds
 from renderer.viewer.painting import Painter, Pass
 from renderer.viewer.targets import linear_target, release_target
 from renderer.viewer.view import face_view
-from shaders.materials import Matte
 
 
 class Captures:
@@ -69,12 +69,10 @@ class Captures:
 def capturing_objects(model: Model) -> dict[int, Bounds]:
     """Bounds of the objects that mirror others: those with a metal or glossy material, where there are several."""
     mesh = model.mesh
-    if mesh.part is None:
+    if mesh.part is None or len(np.unique(mesh.part)) < 2:
         return {}
-    parts = np.unique(mesh.part).tolist()
-    reflective = np.array([not isinstance(appearance.material, Matte) for appearance in model.appearances])
-    mirrors = [part for part in parts if reflective[mesh.material[mesh.part == part]].any()]
-    return {part: bounds(mesh.vertices[np.unique(mesh.faces[mesh.part == part])]) for part in mirrors if len(parts) > 1}
+    mirrors = reflective_parts(mesh, model.appearances)
+    return {part: bounds(mesh.vertices[np.unique(mesh.faces[mesh.part == part])]) for part in mirrors}
 
 
 def _empty_cubemap(context: moderngl.Context, size: int) -> moderngl.TextureCube:

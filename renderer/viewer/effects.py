@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-
 from renderer.model import Appearance
 from shaders.materials import Matte
 
@@ -11,7 +9,7 @@ Definitions = frozenset[tuple[str, int]]
 
 
 def definitions(
-    appearance: Appearance, *, lights: int, uv: bool, tangents: bool, neighbours: bool, depth: bool
+    appearance: Appearance, *, lights: int, uv: bool, tangents: bool, neighbours: bool, depth: bool, exact: bool
 ) -> Definitions:
     """The definitions of shaders/glsl/surface.frag.
 
@@ -22,6 +20,7 @@ def definitions(
         tangents: it has tangents, without which there is no normal map.
         neighbours: a cubemap of what is around the object was captured.
         depth: the picture is such a capture, which holds depth in place of coverage.
+        exact: rays meet triangles in double precision.
     """
     material, maps = appearance.material, appearance.maps
     reflective = not isinstance(material, Matte)
@@ -34,11 +33,7 @@ def definitions(
         "NORMAL_MAP": int(uv and tangents and maps.normal is not None),
         "AMBIENT_OCCLUSION": int(uv and maps.ambient_occlusion is not None),
         "DEPTH": int(depth),
+        "EXACT": int(exact),
     }
-    wanted["TEXTURED"] = int(any(wanted[name] for name in ("COLOR_MAP", "NORMAL_MAP", "AMBIENT_OCCLUSION")))
-    return _defined(wanted)
-
-
-def _defined(wanted: Mapping[str, int]) -> Definitions:
-    """What is 0 stays undefined, but for the number of lights, which the shader compares."""
+    # what is 0 stays undefined, but for the number of lights, which the shader compares
     return frozenset((name, value) for name, value in wanted.items() if value or name == "LIGHTS")

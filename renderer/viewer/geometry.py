@@ -53,7 +53,8 @@ class Geometry:
         tangent = tangents(mesh)
         self.has_uv, self.has_tangents = mesh.uv is not None, tangent is not None
         vertices, faces = _vertices(mesh, tangent, self.bounds.centre)
-        self._buffer = context.buffer(vertices.astype(np.float32).tobytes())
+        self._vertices = context.buffer(vertices.astype(np.float32).tobytes())
+        self._positions = context.buffer(np.ascontiguousarray(vertices[:, :3]).tobytes())
         self.groups = tuple(_groups(context, mesh, faces))
 
     def vertex_array(self, group: Group, program: moderngl.Program) -> moderngl.VertexArray:
@@ -61,13 +62,17 @@ class Geometry:
         used = [(name, count) if name in program else ("", count) for name, count in _LAYOUT]
         layout = " ".join(f"{count}f" if name else f"{4 * count}x" for name, count in used)
         names = [name for name, _ in used if name]
-        return self._context.vertex_array(program, [(self._buffer, layout, *names)], index_buffer=group.indices)
+        return self._context.vertex_array(program, [(self._vertices, layout, *names)], index_buffer=group.indices)
+
+    def bind_exact(self, group: Group) -> None:
+        """Let the shader's EXACT variant read a group's corners; its attributes.glsl has the same numbers."""
+        for binding, buffer in enumerate((self._positions, self._vertices, group.indices)):
+            buffer.bind_to_storage_buffer(binding)
 
     def release(self) -> None:
         """Give the memory back."""
-        self._buffer.release()
-        for group in self.groups:
-            group.indices.release()
+        for buffer in (self._vertices, self._positions, *(group.indices for group in self.groups)):
+            buffer.release()
 
 
 def bounds(vertices: Float[np.ndarray, "v 3"]) -> Bounds:

@@ -41,7 +41,7 @@ def render(
         InputError: there is no OpenGL, or the picture is too large for it.
     """
     context = context or offscreen_context()
-    stage = Stage(context, model, surroundings, neighbours=neighbours)
+    stage = Stage(context, model, surroundings, neighbours=neighbours, exact=True)
     try:
         return picture(context, stage, camera, sky=sky, antialias=antialias)
     finally:

@@ -46,9 +46,12 @@ class Pass:
 
 
 class Painter:
-    """A model and its surroundings in the graphics memory, ready for passes."""
+    """A model and its surroundings in the graphics memory, ready for passes; the arguments are those of a `Stage`."""
 
-    def __init__(self, context: moderngl.Context, model: Model, surroundings: Surroundings) -> None:
+    def __init__(
+        self, context: moderngl.Context, model: Model, surroundings: Surroundings, *, exact: bool = False
+    ) -> None:
+        self._exact = exact
         self._context, self._programs = context, programs(context)
         self._appearances = model.appearances
         self.geometry = Geometry(context, model.mesh)
@@ -104,6 +107,8 @@ class Painter:
         assign(program, {**self._uniforms(wanted), **self._light_uniforms, **material_uniforms(appearance)})
         for name, texture in self._maps[group.material].items():
             texture.use(UNITS[name])
+        if self._exact:
+            self.geometry.bind_exact(group)
         self._vertex_array(group, program).render()
 
     def _definitions(self, group: Group, wanted: Pass) -> Definitions:
@@ -114,16 +119,16 @@ class Painter:
             tangents=self.geometry.has_tangents,
             neighbours=group.part in wanted.neighbours,
             depth=wanted.near is not None,
+            exact=self._exact,
         )
 
     def _uniforms(self, wanted: Pass) -> dict:
-        view, centre = wanted.view, self.geometry.bounds.centre
+        view = wanted.view.told_from(self.geometry.bounds.centre)
         return {
-            "to_clip": view.to_clip_from(centre).T,
-            "film_corner": view.film_corner,
-            "film_right": view.film_right,
-            "film_up": view.film_up,
-            "eye": view.eye - centre,
+            "to_clip": view.to_clip.T,
+            "film_direction": view.film_direction.T,
+            "film_origin": view.film_origin.T,
+            "eye": view.eye,
             "near": wanted.near or 0.0,
             **turn_uniforms(wanted.rotation),
         }

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from importlib import resources
-from typing import Any
+from typing import Any, cast
 
 import moderngl
 import numpy as np
@@ -61,13 +61,8 @@ def assign(program: moderngl.Program, values: Mapping[str, Any]) -> None:
     """Set the uniforms that the program has; a matrix is given transposed, since OpenGL holds it by columns."""
     for name, value in values.items():
         if name in program:
-            program[name].write(_bytes(value))  # type: ignore[union-attr] — a uniform, not an attribute
-
-
-def _bytes(value: Any) -> bytes:
-    array = np.asarray(value)
-    array = array.astype(np.int32 if array.dtype.kind in "iub" else np.float32)
-    return array.tobytes()
+            uniform = cast(moderngl.Uniform, program[name])
+            uniform.write(np.asarray(value).astype(uniform.fmt[-1]).tobytes())  # "9d" is nine doubles
 
 
 def _source(name: str, definitions: Definitions) -> str:

@@ -24,21 +24,22 @@ class View:
     Attributes:
         eye: the camera's position.
         to_clip: from world to clip space.
-        film_corner: unnormalised direction in which the framebuffer's lower left corner looks.
-        film_right, film_up: by how much it changes from one pixel to the next.
+        film_direction: what one pixel to the right, one pixel upwards, and the framebuffer's lower left corner (the
+            columns) add to the unnormalised direction of a pixel's ray.
+        film_origin: likewise of its origin.
     """
 
     eye: Vector
     to_clip: Float[np.ndarray, "4 4"]
-    film_corner: Vector
-    film_right: Vector
-    film_up: Vector
+    film_direction: Float[np.ndarray, "3 3"]
+    film_origin: Float[np.ndarray, "3 3"]
 
-    def to_clip_from(self, origin: Vector) -> Float[np.ndarray, "4 4"]:
-        """From positions told from `origin` to clip space."""
+    def told_from(self, centre: Vector) -> View:
+        """The same view of positions that are told from `centre`."""
         placed = np.eye(4)
-        placed[:3, 3] = origin
-        return self.to_clip @ placed
+        placed[:3, 3] = centre
+        origin = self.film_origin - np.outer(centre, [0, 0, 1])
+        return View(self.eye - centre, self.to_clip @ placed, self.film_direction, origin)
 
 
 @dataclass(frozen=True)
@@ -78,11 +79,18 @@ def face_view(face: int, eye: Vector, size: int, bounds: Bounds) -> View:
 
 def _view(film: _Film, size: tuple[int, int], bounds: Bounds, offset: tuple[float, float]) -> View:
     width, height = size
-    spread = 0.0 if film.orthographic else 1.0
-    film_right, film_up = spread * 2 * film.right / width, spread * 2 * film.up / height
-    corner = film.forward - spread * (film.right + film.up) + offset[0] * film_right + offset[1] * film_up
+    right, up = 2 * film.right / width, 2 * film.up / height
+    corner = offset[0] * right + offset[1] * up - film.right - film.up
+    spread, same = np.stack([right, up, corner], 1), np.zeros((3, 3))
+    direction, origin = (same, spread) if film.orthographic else (spread, same)
     shift = np.array([2 * offset[0] / width, 2 * offset[1] / height])
-    return View(film.eye, _to_clip(film, bounds, shift), corner, film_right, film_up)
+    corner_only = [0, 0, 1]
+    return View(
+        eye=film.eye,
+        to_clip=_to_clip(film, bounds, shift),
+        film_direction=direction + np.outer(film.forward, corner_only),
+        film_origin=origin + np.outer(film.eye, corner_only),
+    )
 
 
 def _to_clip(film: _Film, bounds: Bounds, shift: Float[np.ndarray, " 2"]) -> Float[np.ndarray, "4 4"]:

@@ -1,7 +1,12 @@
-// Where a pixel looks: the twin of Camera.rays in renderer/camera.py, for a pixel's centre (moved by an offset that is
-// in `film_corner` already).
-uniform vec3 film_corner, film_right, film_up;  // unnormalised direction at the lower left corner; its change per pixel
+// Where a pixel looks: the twin of Camera.rays in renderer/camera.py. The matrices' columns are what one pixel to the
+// right, one pixel upwards, and the framebuffer's lower left corner add to the unnormalised direction, and to the
+// origin, which is told from the model's centre.
+#ifdef EXACT
+uniform dmat3 film_direction, film_origin;
+#else
+uniform mat3 film_direction;
+#endif
 
 vec3 ray_direction() {
-    return normalize(film_corner + gl_FragCoord.x * film_right + gl_FragCoord.y * film_up);
+    return normalize(vec3(film_direction * vec3(gl_FragCoord.xy, 1.0)));
 }

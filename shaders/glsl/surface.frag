@@ -6,14 +6,10 @@
 #include "diffuse.glsl"
 #include "shade.glsl"
 #include "film.glsl"
+#include "attributes.glsl"
 #include "normal_map.glsl"
 
-in vec3 surface_position, surface_normal;
-#ifdef TEXTURED
-in vec2 surface_uv;
-#endif
 #ifdef NORMAL_MAP
-in vec4 surface_tangent;
 uniform sampler2D normal_map;
 #endif
 #ifdef COLOR_MAP
@@ -28,39 +24,42 @@ uniform float near;  // radius of the bounding sphere of the object whose neighb
 #endif
 out vec4 radiance;
 
-vec3 shading_normal() {
+vec3 shading_normal(Attributes surface) {
 #ifdef NORMAL_MAP
-    return perturbed(surface_normal, surface_tangent.xyz, surface_tangent.w, texture(normal_map, surface_uv).rgb);
+    return perturbed(surface.normal, surface.tangent.xyz, surface.tangent.w, texture(normal_map, surface.uv).rgb);
 #else
-    return normalize(surface_normal);
+    return normalize(surface.normal);
 #endif
 }
 
-float openness() {
+float openness(Attributes surface) {
 #ifdef AMBIENT_OCCLUSION
-    return texture(ambient_occlusion_map, surface_uv).r;
+    return texture(ambient_occlusion_map, surface.uv).r;
 #else
     return 1.0;
 #endif
 }
 
-vec3 tint() {
+vec3 tint(Attributes surface) {
 #ifdef COLOR_MAP
-    return texture(color_map, surface_uv).rgb;
+    return texture(color_map, surface.uv).rgb;
 #else
     return vec3(1.0);
 #endif
 }
 
-// Coverage; or depth d = 1 - near/D in [0, 1), D the distance from the capturing object's centre. MODEL.md 3.3.
-float alpha() {
+// Coverage; or depth d = 1 - near/D in [0, 1), D the distance from the capturing object's centre. MODEL.md 3.3;
+// `depth` in renderer/neighbours.py.
+float alpha(Attributes surface) {
 #ifdef DEPTH
-    return clamp(1.0 - near / distance(surface_position, eye), 0.0, 1.0 - 1.0 / 16777216.0);
+    return clamp(1.0 - near / distance(surface.position, eye), 0.0, 1.0 - 1.0 / 16777216.0);
 #else
     return 1.0;
 #endif
 }
 
 void main() {
-    radiance = vec4(shade(Point(shading_normal(), -ray_direction(), openness(), tint())), alpha());
+    Attributes surface = attributes();
+    Point point = Point(shading_normal(surface), -ray_direction(), openness(surface), tint(surface));
+    radiance = vec4(shade(point), alpha(surface));
 }
