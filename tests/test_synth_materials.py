@@ -15,26 +15,20 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from renderer.camera import Camera, look_at
-from renderer.environment import Environment, directions
+from renderer.environment import Environment
 from renderer.errors import InputError
-from renderer.images import read_image, write_exr
+from renderer.images import read_image
 from renderer.mesh import Mesh, Sphere, read_mesh
 from renderer.path_tracer import render
 from renderer.scene import LightSpec, read_scene, read_shape
 from renderer.surroundings import directional_light
 from renderer.synth import SynthOptions, synthesise
 from renderer.to_mitsuba import bsdf_of, diffuse, mitsuba, plastic
-from renderer.truth import TrueGlossy, TrueMaterial, TrueMatte, TrueMetal
+from renderer.truth import TrueGlossy, TrueMatte, TrueMetal
 from renderer.views import views
 from shaders.fresnel import conductor
-
-SIZE = 24
-GOLD = TrueMetal((0.146, 0.425, 1.431), (3.578, 2.326, 1.85), 0.2)
-RED = TrueGlossy((0.6, 0.1, 0.05), (0.04, 0.04, 0.04), 0.15)
-CLAY = TrueMatte((0.5, 0.3, 0.2))
-COLORS = ((0.8, 0.2, 0.1), (0.1, 0.7, 0.3), (0.2, 0.1, 0.9))
-NAMES = ("warm", "green, with a comma", "cold")
-OCTAHEDRON = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], dtype=float)
+from tests import solids
+from tests.solids import CLAY, COLORS, GOLD, KEYS, NAMES, RED, SIZE, grey_map, materials_seen, truth_of
 
 
 @pytest.fixture(scope="module")
@@ -48,22 +42,12 @@ def grey(radiance: float = 1.0) -> Environment:
 
 @pytest.fixture(scope="module")
 def grey_file(tmp_path_factory) -> str:
-    path = tmp_path_factory.mktemp("grey") / "grey.exr"
-    write_exr(path, np.ones((8, 16, 3), np.float32))
-    return str(path)
+    return grey_map(tmp_path_factory.mktemp("grey"))
 
 
 @pytest.fixture(scope="module")
 def octahedron(tmp_path_factory) -> Path:
-    """|x| + |y| + |z| = 1, whose i-th octant is made of NAMES[i % 3]; convex, so that no side sees another."""
-    lines = ["v 1 0 0", "v -1 0 0", "v 0 1 0", "v 0 -1 0", "v 0 0 1", "v 0 0 -1"]
-    for i, (x, y, z) in enumerate(OCTAHEDRON):
-        corners = [1 + (x < 0), 3 + (y < 0), 5 + (z < 0)]
-        corners = corners if x * y * z > 0 else corners[::-1]
-        lines += [f"usemtl {NAMES[i % 3]}", f"f {corners[0]} {corners[1]} {corners[2]}"]
-    path = tmp_path_factory.mktemp("octahedron") / "octahedron.obj"
-    path.write_text("\n".join(lines))
-    return path
+    return solids.octahedron(tmp_path_factory.mktemp("octahedron"))
 
 
 def orthographic(size: int = SIZE, scale: float = 1.1) -> Camera:
@@ -147,23 +131,6 @@ def test_a_directional_light_gives_its_irradiance_where_it_faces():
     np.testing.assert_allclose(pixels[inside, :3].mean(0), expected[inside].mean(0), atol=4 * error)
 
 
-def materials_seen(camera: Camera) -> np.ndarray:
-    """Index into NAMES of the side that fills each pixel; -1 where it is not one side alone."""
-    row, column = torch.meshgrid(torch.arange(SIZE + 1.0), torch.arange(SIZE + 1.0), indexing="ij")
-    corner = sides_seen(*(v.numpy() for v in camera.rays(column, row)))
-    four = np.stack([corner[:-1, :-1], corner[:-1, 1:], corner[1:, :-1], corner[1:, 1:]])
-    return np.where((four == four[0]).all(0) & (four[0] >= 0), four[0] % 3, -1)
-
-
-def sides_seen(origin: np.ndarray, along: np.ndarray) -> np.ndarray:
-    """Octant of the octahedron that rays enter by, which is the last half-space that they enter; -1 if they pass."""
-    towards, before = along @ OCTAHEDRON.T, 1 - origin @ OCTAHEDRON.T
-    times = before / towards
-    enters = np.where(towards < 0, times, -np.inf)
-    leaves = np.where(towards > 0, times, np.inf)
-    return np.where(enters.max(-1) < leaves.min(-1), enters.argmax(-1), -1)
-
-
 def test_each_side_shows_the_material_that_the_file_names(octahedron, grey_file, tmp_path):
     material = {name: TrueMatte(color) for name, color in zip(reversed(NAMES), reversed(COLORS), strict=True)}
     options = SynthOptions(material, mesh=octahedron, env=grey_file, size=SIZE, views=3, spp=16)
@@ -215,100 +182,6 @@ def test_materials_light_each_other():
     assert near > 2 * far
 
 
-def ball_seen(camera: Camera) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Of the unit sphere at pixel centres: normal, n·v, and the mirrored view direction; nan beside it."""
-    row, column = torch.meshgrid(torch.arange(SIZE) + 0.5, torch.arange(SIZE) + 0.5, indexing="ij")
-    origin, along = (v.numpy() for v in camera.rays(column, row))
-    half = (origin * along).sum(-1)
-    with np.errstate(invalid="ignore"):
-        distance = -half - np.sqrt(half**2 - (origin**2).sum(-1) + 1)
-    normal = origin + distance[..., None] * along
-    n_dot_v = -(normal * along).sum(-1)
-    return normal, n_dot_v, along + 2 * n_dot_v[..., None] * normal
-
-
-def schlick(n_dot_v: np.ndarray, f0: Sequence[float]) -> np.ndarray:
-    return np.array(f0) + (1 - np.array(f0)) * (1 - n_dot_v[..., None]) ** 5
-
-
-def under_grey_light(material: TrueMaterial, n_dot_v: np.ndarray) -> np.ndarray:
-    """What the thesis's materials show under radiance 1 from everywhere [MODEL.md 4]."""
-    if isinstance(material, TrueMetal):
-        index = np.array(material.n) + 1j * np.array(material.k)
-        return schlick(n_dot_v, np.abs((index - 1) / (index + 1)) ** 2)
-    f, color = schlick(n_dot_v, material.reflectance), np.array(material.color)
-    if isinstance(material, TrueMatte):
-        return color * f
-    return color / np.maximum(1, (color / (1 - f)).max(-1, keepdims=True)) + f
-
-
-VIEWERS = [
-    replace(GOLD, alpha=None, roughness=0.3),
-    TrueGlossy((0.7, 0.2, 0.1), (0.04, 0.1, 0.35), roughness=0.2),
-    TrueMatte((0.7, 0.2, 0.1), (0.3, 0.5, 1.0)),
-]
-
-
-@pytest.mark.parametrize("material", VIEWERS)
-def test_the_viewers_photographs_follow_the_thesis(material, grey_file, tmp_path):
-    truth = truth_of(tmp_path, SynthOptions(material, model="viewer", env=grey_file, size=SIZE, views=2))
-    for index, view in enumerate(views(2, Sphere())):
-        photograph = read_image(tmp_path / f"view_{index}.exr")
-        _, n_dot_v, _ = ball_seen(view.camera(SIZE))
-        covered = np.isfinite(n_dot_v)
-        assert photograph.alpha is not None
-        np.testing.assert_array_equal(photograph.alpha, covered)
-        expected = under_grey_light(material, n_dot_v[covered])
-        # float32 of the lookups and of the file; weights of 49 taps that add up to 1
-        np.testing.assert_allclose(photograph.radiance[covered], expected, rtol=3e-6)
-    (entry,) = truth["materials"]
-    assert " ".join(entry) == KEYS
-    assert (entry["alpha"], entry["roughness"]) == (None, getattr(material, "roughness", None))
-    assert (truth["model"], truth["mitsuba"], truth["spp"]) == ("viewer", None, None)
-
-
-@pytest.mark.parametrize("roughness", [0.0, 0.5])
-def test_the_viewers_roughness_blurs_what_lies_in_the_mirrored_direction(roughness, tmp_path):
-    """Under the sky L(ω) = 1 + ω/2 the 49 taps leave 1 + m r/2: across r they cancel [MODEL.md 3.1]."""
-    sky = tmp_path / "sky.exr"
-    write_exr(sky, (1 + directions(128, 256) / 2).float().numpy())
-    metal = replace(GOLD, alpha=None, roughness=roughness)
-    synthesise(SynthOptions(metal, model="viewer", env=str(sky), size=SIZE, views=1), tmp_path)
-    _, n_dot_v, reflected = ball_seen(views(1, Sphere())[0].camera(SIZE))
-    covered = np.isfinite(n_dot_v)
-    tap = np.arange(-3, 4)
-    weight = np.exp(-0.5 * (tap / 1.5) ** 2)
-    cosine = 1 / np.sqrt(1 + roughness**2 * (tap[:, None] ** 2 + tap**2) / 9)
-    shrunk = (weight[:, None] * weight * cosine).sum() / weight.sum() ** 2
-    expected = under_grey_light(metal, n_dot_v[covered]) * (1 + shrunk * reflected[covered] / 2)
-    shown = read_image(tmp_path / "view_0.exr").radiance[covered]
-    # bilinear between texels of 1.4°: (π/128)²/8 · ½, once for the map and once for the cube made of it
-    np.testing.assert_allclose(shown, expected, atol=2e-4)
-
-
-def test_the_viewer_shows_each_side_made_of_its_material(octahedron, grey_file, tmp_path):
-    material = {name: TrueMatte(color) for name, color in zip(NAMES, COLORS, strict=True)}
-    synthesise(SynthOptions(material, model="viewer", mesh=octahedron, env=grey_file, size=SIZE, views=1), tmp_path)
-    radiance = read_image(tmp_path / "view_0.exr").radiance
-    seen = materials_seen(views(1, read_mesh(octahedron))[0].camera(SIZE))
-    assert set(seen.flat) == {-1, 0, 1, 2}
-    np.testing.assert_allclose(radiance[seen >= 0], np.array(COLORS)[seen[seen >= 0]], rtol=3e-6)
-
-
-def test_a_light_shines_on_the_viewers_photographs(grey_file, tmp_path):
-    """E of MODEL.md 4 is the irradiance over π, so that Mitsuba's matte ball looks alike."""
-    light = LightSpec(type="directional", direction=(0.0, 2.0, 0.0), irradiance=(math.pi, 0.0, 0.0))
-    options = SynthOptions(CLAY, model="viewer", env=grey_file, lights=(light,), size=SIZE, views=1)
-    synthesise(options, tmp_path)
-    radiance = read_image(tmp_path / "view_0.exr").radiance
-    normal, n_dot_v, _ = ball_seen(views(1, Sphere())[0].camera(SIZE))
-    covered = np.isfinite(n_dot_v)
-    facing_up = np.clip(normal[covered][:, 1:2], 0, None)
-    expected = np.array(CLAY.color) * (1 + facing_up * [1.0, 0.0, 0.0])
-    np.testing.assert_allclose(radiance[covered], expected, rtol=1e-5)
-    assert facing_up.max() > 0.5
-
-
 MATERIALS = [
     GOLD,
     replace(GOLD, alpha=0.0),
@@ -317,12 +190,6 @@ MATERIALS = [
     replace(RED, distribution="beckmann"),
     CLAY,
 ]
-KEYS = "name type n k alpha roughness color reflectance f0 distribution metal source held"
-
-
-def truth_of(folder: Path, options: SynthOptions) -> dict:
-    synthesise(options, folder)
-    return json.loads((folder / "truth.json").read_text(encoding="utf-8"))
 
 
 @pytest.mark.parametrize("material", MATERIALS)
