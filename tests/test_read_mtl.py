@@ -409,6 +409,23 @@ def test_the_ordinary_file_comes_back_as_the_same_material(f0, color, alpha):
         assert as_lists(found["b"])["roughness"] == pytest.approx(2 * math.sqrt(2) * alpha, rel=1e-7, abs=1e-44)
 
 
+KEYS = ["newmtl", "Ns", "Ka", "Kd", "Ks", "Pr", "Pm", "Ni", "d", "Ke", "illum", "map_Kd", "bump", "norm"]
+WORDS = ["0", "1", "2", "0.5", "-1", "1e40", "nan", "inf", "-s", "-bm", "-halo", "spectral", "#", "a", "x.png", "a.mtl"]
+ODDITIES = ["\\", ".", "..", "/", "~", "\ufeff", "\x00", "é", "\x85"]
+tokens = st.sampled_from(KEYS + WORDS + ODDITIES)
+lines = st.lists(st.lists(tokens, max_size=5).map(" ".join), max_size=12).map("\n".join)
+
+
+@given(data=st.one_of(lines.map(str.encode), st.binary()), dialect=st.sampled_from(["auto", "thesis", "ordinary"]))
+def test_any_bytes_are_read_or_refused_in_one_sentence(data, dialect):
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "a.mtl"
+        path.write_bytes(b"newmtl a\n" + data)
+        library = library_or_sentence(path, dialect)
+    sentences = [library] if isinstance(library, str) else library.remarks
+    assert all(sentence.startswith(folder) and sentence.isprintable() for sentence in sentences)
+
+
 def library_or_sentence(path, dialect) -> Library | str:
     try:
         return read_mtl(path, dialect=dialect)
