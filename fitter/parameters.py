@@ -74,6 +74,7 @@ class Coordinates(ABC):
 
 
 UNIT = Interval(0.0, 1.0)
+MATTE_REFLECTANCE = Interval(0.0, 1.5)  # the Lambertian, 1, lies inside: at an end no error could be told
 
 
 @dataclass(frozen=True)
@@ -161,6 +162,8 @@ class GlossyCoordinates(Coordinates):
 class MatteCoordinates(Coordinates):
     """The free vector of a matte material: colour per channel, and reflectance for all of them or for each.
 
+    A reflectance above 1, which no material has, is for the fit alone: a surface that darkens towards grazing angles.
+
     Attributes:
         channels: 1 or 3, of the reflectance.
     """
@@ -174,12 +177,12 @@ class MatteCoordinates(Coordinates):
 
     def material(self, x: Float[Tensor, " x"]) -> Matte:
         x = x.clamp(-_REACH, _REACH)
-        return Matte(UNIT.value(x[:3]), UNIT.value(x[3:]).expand(3))
+        return Matte(UNIT.value(x[:3]), MATTE_REFLECTANCE.value(x[3:]).expand(3))
 
     def free(self, material: Material) -> Float[Tensor, " x"]:
         assert isinstance(material, Matte)
-        parts = (material.color, material.reflectance[: self.channels])
-        return torch.cat([UNIT.free(UNIT.inside(part)) for part in parts])
+        color, reflectance = UNIT.inside(material.color), MATTE_REFLECTANCE.inside(material.reflectance)
+        return torch.cat([UNIT.free(color), MATTE_REFLECTANCE.free(reflectance[: self.channels])])
 
 
 def tint_of(n: Float[Tensor, "3"], k: Float[Tensor, "3"]) -> Float[Tensor, "3"]:

@@ -12,7 +12,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from renderer import chebyshev, transport
+from renderer import irradiance, transport
 from renderer.gbuffer import GBuffer
 from renderer.transport import LightTable
 from shaders import fresnel, lobe, plastic
@@ -49,8 +49,8 @@ class Body:
     """Light that a diffuse body under each pixel receives.
 
     Attributes:
-        light: ∫ L(l) T_b(2 n·l - 1) max(0, n·l)/π dl, T_b Chebyshev's polynomials, [p, b, 3].
-        view: means of T_b(2 n·v - 1) over the pixel's rays, [p, b].
+        light: D_b of `irradiance.diffuse_table`, [p, b, 3].
+        view: means of `irradiance.cosine_basis` at n·v over the pixel's rays, [p, b].
     """
 
     light: Float[Tensor, "p b 3"]
@@ -60,7 +60,7 @@ class Body:
         """Light that passes twice: by a factor of n·l on its way in, by one of n·v on its way out."""
         degree = self.view.shape[1]
         inwards, outwards = (
-            transport.reflectance_coefficients(factor, degree, self.view) for factor in (towards_light, towards_view)
+            irradiance.coefficients(factor, self.view, degree) for factor in (towards_light, towards_view)
         )
         return (self.light * inwards).sum(1) * (self.view @ outwards)
 
@@ -234,7 +234,7 @@ def exact_pixels(
     direct = tuple(DirectLight.of(surface, source) for source in sources)
     if diffuse is None:
         return ExactPixels(None, None, None, direct, distribution)
-    view = chebyshev.polynomials(2 * surface.n_dot_v - 1, diffuse.shape[1]).mean(-1).T
+    view = irradiance.cosine_basis(surface.n_dot_v, diffuse.shape[1]).mean(1)
     return ExactPixels(None, None, Body(diffuse.double(), view), direct, distribution)
 
 

@@ -28,7 +28,7 @@ from shaders.materials import Material, Metal
 Progress = Callable[[str, float], None]
 
 SEARCH_SCATTER = 0.03  # of the relative difference, while nothing is known of it yet
-EXACT = 1e-9  # least scatter, where photographs are noiseless and there is nothing but rounding
+EXACT = 1e-6  # least scatter, where photographs are noiseless and there is nothing but the rounding of float32 tables
 MORE_ROUNDS = 3  # where the roughness runs into an end of the last span
 DIELECTRIC = Interval(0.0, 0.5)  # reflectance; diamond's is 0.17
 

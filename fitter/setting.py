@@ -8,7 +8,6 @@ from functools import cached_property
 
 import torch
 from jaxtyping import Float
-from renderer.irradiance import diffuse_table
 from torch import Tensor
 
 from fitter.fidelity import Fidelity
@@ -16,10 +15,13 @@ from fitter.pixel_model import PixelModel, central, exact_pixels, viewer_pixels
 from renderer import transport
 from renderer.environment import Environment
 from renderer.gbuffer import GBuffer
+from renderer.irradiance import diffuse_table
 from renderer.surroundings import Surroundings, surroundings
 from renderer.transport import LightTable
 from shaders.materials import Material
 from shaders.shade import DirectionalLight
+
+DIFFUSE_DEGREE = 11  # polynomials in √cos: one more than `irradiance.DEGREE`, so that (1 - cos)⁵ is among them
 
 
 @dataclass(frozen=True)
@@ -86,4 +88,4 @@ class Setting:
 
     def _diffuse(self, surface: GBuffer) -> Float[Tensor, "p b 3"]:
         normal = torch.nn.functional.normalize(surface.normal.mean(1), dim=-1)
-        return diffuse_table(normal, self._near, self.fidelity.degree)
+        return diffuse_table(normal, self._near, DIFFUSE_DEGREE)

@@ -38,7 +38,10 @@ QUANTITIES: Mapping[str, Mapping[str, Callable[[Any], Tensor]]] = {
         "f0": lambda glossy: glossy.reflectance,
         "roughness": lambda glossy: glossy.roughness[None],
     },
-    "matte": {"color": lambda matte: matte.color, "reflectance": lambda matte: matte.reflectance},
+    "matte": {
+        "color": lambda matte: matte.color * matte.reflectance.clamp_min(1),
+        "reflectance": lambda matte: matte.reflectance,
+    },
 }
 """What is reported of each type of material; `roughness` is alpha or ρ, as the lobe of the fit has it."""
 
@@ -151,8 +154,11 @@ def _measured(fit: Fit, spread: Spread, key: str) -> list[_Measured]:
     errors = standard_errors(quantity, fit.x, spread)
     lows, highs = intervals95(quantity, fit.x, spread)
     rows = zip(quantity(fit.x).tolist(), errors.tolist(), lows.tolist(), highs.tolist(), strict=True)
+    most = 1.0 if key in ("color", "reflectance") else math.inf  # a matte fit may go beyond
     return [
-        _Measured(value, error, (low, high)) if all(map(math.isfinite, (error, low, high))) else _unmeasured(value)
+        _Measured(min(value, most), error, (min(low, most), min(high, most)))
+        if all(map(math.isfinite, (error, low, high)))
+        else _unmeasured(min(value, most))
         for value, error, low, high in rows
     ]
 

@@ -33,7 +33,7 @@ def thrice(low: float, high: float):
 @example((1.0, 1.0, 1.0), (0.01, 1.0, 12.0), 0.5)
 def test_every_metal_comes_back(roughness, n, k, rough):
     coordinates, given_metal = MetalCoordinates(roughness), metal(n, k, rough)
-    found = coordinates.metal(coordinates.free(given_metal))
+    found = coordinates.material(coordinates.free(given_metal))
     # n is m^t, log m = 9 at most: ε/(1-F0) = 5e-13 of it. k goes with √(1-t), and 1-t falls to 1e-7 at n = 10,
     # k = 0.01, where ε of t is 2e-9 of it
     torch.testing.assert_close(found.n, given_metal.n, rtol=1e-10, atol=0)
@@ -45,7 +45,7 @@ def test_every_metal_comes_back(roughness, n, k, rough):
 @pytest.mark.parametrize("entry", read_catalogue(), ids=lambda entry: entry.name)
 def test_real_metals_come_back(entry):
     coordinates, real = MetalCoordinates(LOGARITHMIC), metal(entry.n, entry.k)
-    found = coordinates.metal(coordinates.free(real))
+    found = coordinates.material(coordinates.free(real))
     torch.testing.assert_close(found.n, real.n, rtol=1e-10, atol=0)
     torch.testing.assert_close(found.k, real.k, rtol=1e-10, atol=0)
 
@@ -59,7 +59,7 @@ def test_every_free_vector_is_a_metal_with_derivatives(x):
     coordinates = MetalCoordinates(LOGARITHMIC)
 
     def quantities(free: torch.Tensor) -> torch.Tensor:
-        found = coordinates.metal(free)
+        found = coordinates.material(free)
         return torch.cat([found.n, found.k, found.f0, found.roughness[None]])
 
     n, k, f0, roughness = quantities(float64(x)).split([3, 3, 3, 1])
@@ -74,7 +74,7 @@ def test_every_free_vector_is_a_metal_with_derivatives(x):
 
 @given(thrice(-6, 6), thrice(-3, 3), st.floats(-4, 4))
 def test_what_the_docstring_prints(reflectivity, tint, rough):
-    found = MetalCoordinates(LOGARITHMIC).metal(float64([*reflectivity, *tint, rough]))
+    found = MetalCoordinates(LOGARITHMIC).material(float64([*reflectivity, *tint, rough]))
     for channel in range(3):
         f0 = 1 / (1 + math.exp(-reflectivity[channel]))
         limit = (1 + math.sqrt(f0)) / (1 - math.sqrt(f0))
@@ -89,7 +89,7 @@ def test_derivatives_meet_finite_differences(reflectivity, tint, rough):
     coordinates = MetalCoordinates(LOGARITHMIC)
 
     def quantities(free: torch.Tensor) -> torch.Tensor:
-        found = coordinates.metal(free)
+        found = coordinates.material(free)
         return torch.cat([found.n, found.k, found.roughness[None]]).log()
 
     # n and k span decades: of their logarithms, with m up to 1600, gradcheck's relative 1e-3 is ample
@@ -101,10 +101,10 @@ def test_a_fixed_tint_is_no_unknown():
     whole = free.free(metal((0.15, 0.43, 1.43), (3.6, 2.3, 1.85)))
     held = MetalCoordinates(LOGARITHMIC, tint=whole[3:6])
     assert (free.size, held.size) == (7, 4)
-    x = held.free(free.metal(whole))
+    x = held.free(free.material(whole))
     torch.testing.assert_close(x, whole[[0, 1, 2, 6]])
-    torch.testing.assert_close(held.metal(x).n, free.metal(whole).n)
-    torch.testing.assert_close(held.metal(x).k, free.metal(whole).k)
+    torch.testing.assert_close(held.material(x).n, free.material(whole).n)
+    torch.testing.assert_close(held.material(x).k, free.material(whole).k)
 
 
 @pytest.mark.parametrize("interval", [LOGARITHMIC, LINEAR], ids=["logarithmic", "linear"])

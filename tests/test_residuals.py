@@ -8,19 +8,12 @@ import torch
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fitter.parameters import Interval, MetalCoordinates
-from fitter.residuals import (
-    REFLECTANCES,
-    ROBUST_AT,
-    TINT_WIDTH,
-    PixelModel,
-    Residuals,
-    pseudo_huber,
-    relative_weight,
-    scatter,
-)
+from fitter.parameters import TINT_WIDTH, GlossyCoordinates, Interval, MatteCoordinates, MetalCoordinates
+from fitter.pixel_model import BlurredByTable, Body, DirectLight, ExactPixels, PixelModel, ViewerPixels
+from fitter.residuals import ROBUST_AT, Residuals, pseudo_huber, relative_weight, scatter
 from renderer.transport import LightTable
 from shaders import fresnel
+from shaders.shade import DirectionalLight, Points
 
 EPS = 2.0**-52
 
@@ -75,31 +68,46 @@ def test_scatter_is_the_standard_deviation_and_ignores_outliers():
     assert scatter(r) == pytest.approx(3, rel=0.04)
 
 
-def random_table() -> LightTable:
-    light = torch.rand(2, 4, 5, 6, 3, generator=torch.Generator().manual_seed(3))
-    return LightTable(light, 0.1, 0.8, "log")
+SPAN = Interval(0.1, 0.8, logarithmic=True)
+METAL = MetalCoordinates(SPAN)
+X = [1.0, 0.3, 2.0, -0.5, 0.1, -1.0, 0.4]
 
 
-@pytest.mark.parametrize("name", REFLECTANCES)
-def test_the_residual_vector_is_what_it_says(name):
+def random(*shape: int, seed: int = 3) -> torch.Tensor:
+    return torch.rand(*shape, generator=torch.Generator().manual_seed(seed), dtype=torch.float64)
+
+
+def exact_pixels() -> ExactPixels:
+    """Five pixels of three rays, four levels of roughness, degree 6, a body, and a light."""
+    light = DirectLight(*(0.1 + 0.8 * random(5, 3, seed=seed) for seed in range(4)), float64([2.0, 1.0, 0.5]))
+    bare = ExactPixels(None, None, Body(random(5, 6, 3), random(5, 6)), (light,), "ggx")
+    return bare.under(LightTable(random(2, 4, 5, 6, 3).float(), 0.1, 0.8, "log"))
+
+
+def viewer_pixels() -> ViewerPixels:
+    normal, view = (torch.nn.functional.normalize(random(5, 3, seed=seed), dim=-1) for seed in (1, 2))
+    source = DirectionalLight(float64([0.0, 0.6, 0.8]), float64([2.0, 1.0, 0.5]))
+    light = BlurredByTable(None, None, random(9, 3) / 9, (source,))
+    return ViewerPixels(Points(normal, view), light).under(LightTable(random(2, 4, 5, 1, 3).float(), 0.1, 0.8, "log"))
+
+
+def test_the_residual_vector_is_what_it_says():
     """Barycentric interpolation in log α and numpy's Chebyshev fit, written out per pixel."""
-    table, coordinates = random_table(), MetalCoordinates(Interval(0.1, 0.8, logarithmic=True))
-    x = float64([1.0, 0.3, 2.0, -0.5, 0.1, -1.0, 0.4])
-    metal = coordinates.metal(x)
-    generator = torch.Generator().manual_seed(4)
-    photograph, weight = (torch.rand(5, 3, dtype=torch.float64, generator=generator) + 0.5 for _ in range(2))
+    x, whole = float64(X), exact_pixels()
+    model = ExactPixels(whole.table, whole.light, None, (), "ggx")
+    metal = METAL.material(x)
+    photograph, weight = random(5, 3, seed=4) + 0.5, random(5, 3, seed=5) + 0.5
     threshold = 2.0
-    model = PixelModel.of(table, REFLECTANCES[name])
-    residuals = Residuals(model, coordinates, photograph, weight, threshold / ROBUST_AT)
+    residuals = Residuals(model, METAL, photograph, weight, threshold / ROBUST_AT)
 
     node = -np.cos(np.pi * np.arange(4) / 3)
     log_alpha = 2 * math.log(metal.roughness.item() / 0.1) / math.log(8) - 1
     level = [np.prod([(log_alpha - b) / (a - b) for b in node if b != a]) for a in node]
     cos_d = (1 - np.cos(np.pi * np.arange(6) / 5)) / 2
-    exact = {"conductor": fresnel.conductor, "lazanyi": fresnel.lazanyi}[name]
+    exact = fresnel.conductor
     curve = np.array([[exact(float64(c), n, k).item() for n, k in zip(metal.n, metal.k, strict=True)] for c in cos_d])
     f = np.polynomial.chebyshev.chebfit(2 * cos_d - 1, curve, 5)
-    image = np.einsum("a,apbc,bc->pc", level, table.light.double().mean(0).numpy(), f)
+    image = np.einsum("a,apbc,bc->pc", level, model.table.light.double().mean(0).numpy(), f)
     difference = (image - photograph.numpy()) * weight.numpy()
     np.testing.assert_allclose(residuals.weighted(x), difference, atol=1e-12)
     robust = np.sign(difference) * np.sqrt(2 * 4 * (np.sqrt(1 + (difference / 2) ** 2) - 1))
@@ -109,32 +117,28 @@ def test_the_residual_vector_is_what_it_says(name):
 
 
 def test_a_model_that_meets_the_photograph_leaves_nothing():
-    table, coordinates = random_table(), MetalCoordinates(Interval(0.1, 0.8, logarithmic=True))
-    model, x = PixelModel.of(table, REFLECTANCES["conductor"]), float64([1.0, 0.3, 2.0, -0.5, 0.1, -1.0, 0.4])
-    photograph = model.radiance(coordinates.metal(x))
-    residuals = Residuals(model, coordinates, photograph, relative_weight(photograph), 3.0)
+    model, x = exact_pixels(), float64(X)
+    photograph = model.radiance(METAL.material(x))
+    residuals = Residuals(model, METAL, photograph, relative_weight(photograph), 3.0)
     assert residuals(x)[:-3].abs().max() == 0
     assert residuals(x + 0.1)[:-3].abs().max() > 1e-3
 
 
-@pytest.mark.parametrize("name", REFLECTANCES)
-def test_the_jacobian_meets_finite_differences(name):
-    coordinates = MetalCoordinates(Interval(0.1, 0.8, logarithmic=True))
-    photograph = torch.rand(5, 3, dtype=torch.float64, generator=torch.Generator().manual_seed(4))
-    model = PixelModel.of(random_table(), REFLECTANCES[name])
+@pytest.mark.parametrize("model", [exact_pixels(), viewer_pixels()], ids=["exact", "viewer"])
+@pytest.mark.parametrize("coordinates", [METAL, GlossyCoordinates(SPAN, channels=1), MatteCoordinates(1)])
+def test_the_jacobian_meets_finite_differences(model: PixelModel, coordinates):
+    photograph = random(5, 3, seed=4)
     residuals = Residuals(model, coordinates, photograph, relative_weight(photograph), 3.0)
-    x = float64([1.0, 0.3, 2.0, -0.5, 0.1, -1.0, 0.4])
+    x = float64(X)[-coordinates.size :]
     assert torch.autograd.gradcheck(residuals, x.clone().requires_grad_())
     torch.testing.assert_close(torch.func.jacfwd(residuals)(x), torch.func.jacrev(residuals)(x))
 
 
 def test_lazanyi_cannot_see_the_tint_and_the_conductor_can():
     """At equal F0 Lázányi's picture stays the same, whatever n [MODEL.md 1]."""
-    coordinates = MetalCoordinates(Interval(0.1, 0.8, logarithmic=True))
-    x, moved = float64([1.0, 0.3, 2.0, -0.5, 0.1, -1.0, 0.4]), float64([1.0, 0.3, 2.0, 0.3, -0.6, -0.2, 0.4])
-    pictures = {
-        name: [PixelModel.of(random_table(), function).radiance(coordinates.metal(at)) for at in (x, moved)]
-        for name, function in REFLECTANCES.items()
-    }
-    torch.testing.assert_close(*pictures["lazanyi"], atol=1e-12, rtol=1e-12)
-    assert (pictures["conductor"][0] - pictures["conductor"][1]).abs().max() > 1e-3
+    x, moved = float64(X), float64([1.0, 0.3, 2.0, 0.3, -0.6, -0.2, 0.4])
+    of_viewer, exact = (
+        [model.radiance(METAL.material(at)) for at in (x, moved)] for model in (viewer_pixels(), exact_pixels())
+    )
+    torch.testing.assert_close(*of_viewer, atol=1e-12, rtol=1e-12)
+    assert (exact[0] - exact[1]).abs().max() > 1e-3

@@ -3,23 +3,28 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import pytest
 import torch
 
-from fitter.fidelity import PRESETS, preset
+from fitter.choice import DECISIVE, fit_type
+from fitter.fidelity import PRESETS, Fidelity, preset
 from fitter.nearest import nearest_metals
-from fitter.search import fit_metal, radiance_of
+from fitter.search import Problem, fit_material
 from fitter.selection import Observations
+from fitter.setting import Setting
 from fitter.solve import SOLVERS
 from fitter.uncertainty import spread
 from fitter.viewer_roughness import viewer_roughness
 from renderer import gbuffer
 from renderer.environment import Environment
+from renderer.gbuffer import GBuffer
 from renderer.mesh import Sphere
 from renderer.studio import studio
+from renderer.surroundings import surroundings
 from renderer.views import views
-from shaders.materials import Metal
+from shaders.materials import Glossy, Material, Matte, Metal
 
 
 @pytest.fixture(scope="module")
@@ -27,7 +32,7 @@ def light() -> Environment:
     return studio(128)
 
 
-def surface_of(side: int, footprint: int = 1) -> gbuffer.GBuffer:
+def surface_of(side: int, footprint: int = 1) -> GBuffer:
     """Every pixel of three views of the sphere that it covers wholly."""
     trace, parts = gbuffer.tracer(Sphere()), []
     for view in views(3, Sphere()):
@@ -38,26 +43,55 @@ def surface_of(side: int, footprint: int = 1) -> gbuffer.GBuffer:
     return gbuffer.concatenate(parts)
 
 
+def float64(values) -> torch.Tensor:
+    return torch.tensor(values, dtype=torch.float64)
+
+
 def gold(roughness: float) -> Metal:
-    n, k = ((0.146, 0.425, 1.431), (3.578, 2.326, 1.85))
-    return Metal(*(torch.tensor(v, dtype=torch.float64) for v in (n, k, roughness)))
+    return Metal(float64((0.146, 0.425, 1.431)), float64((3.578, 2.326, 1.85)), float64(roughness))
 
 
 def quiet(stage: str, share: float) -> None:
     pass
 
 
+def problem_of(truth: Material, surface: GBuffer, light: Environment, fidelity: Fidelity, **made: Any) -> Problem:
+    """The problem of finding a material from a picture that the model itself makes, with other samples."""
+    making = Setting(light, (), replace(fidelity, **made), seed=5)
+    seen = making.radiance(truth, surface, making.fidelity.samples)
+    return Problem(Observations(surface, seen, 0.0), Setting(light, (), fidelity), SOLVERS["lm"], quiet)
+
+
 @pytest.mark.parametrize("rho", [0.1, 0.4])
 def test_the_viewers_model_finds_its_own_metal(light, rho):
-    """No noise and no integration error: what is left is the interpolation between 24 levels of ρ (below 1e-3 of ρ)
-    and the solver's tolerance of 1e-6."""
-    surface = surface_of(32)
-    fidelity = PRESETS["viewer"]
-    seen = radiance_of(gold(rho), surface, light, fidelity, samples=49, seed=0)
-    fit = fit_metal(Observations(surface, seen, 0.0), light, fidelity, SOLVERS["lm"], seed=0, progress=quiet)
+    """No noise and no integration error: what is left is the interpolation between levels of ρ and the solver's
+    tolerance of 1e-6."""
+    fit = fit_material(problem_of(gold(rho), surface_of(32), light, PRESETS["viewer"]), "metal")
     assert fit.solution.status == "converged"
-    torch.testing.assert_close(fit.metal.f0, gold(rho).f0, atol=1e-3, rtol=0)
-    assert float(fit.metal.roughness) == pytest.approx(rho, abs=2e-3)
+    torch.testing.assert_close(fit.material.f0, gold(rho).f0, atol=1e-4, rtol=0)
+    assert float(fit.material.roughness) == pytest.approx(rho, abs=1e-3)
+
+
+@pytest.mark.parametrize("rho", [0.1, 0.4])
+def test_the_viewers_model_finds_its_own_glossy_material(light, rho):
+    """Each channel has a reflectance of its own; as above."""
+    truth = Glossy(*(float64(v) for v in ((0.6, 0.2, 0.05), (0.04, 0.1, 0.3), rho)))
+    fit = fit_material(problem_of(truth, surface_of(32), light, PRESETS["viewer"]), "glossy")
+    assert fit.solution.status == "converged"
+    for key in ("color", "reflectance"):
+        torch.testing.assert_close(getattr(fit.material, key), getattr(truth, key), atol=1e-4, rtol=0)
+    assert float(fit.material.roughness) == pytest.approx(rho, abs=1e-3)
+
+
+@pytest.mark.parametrize("fidelity", ["viewer", "preview"])
+@pytest.mark.parametrize("reflectance", [0.3, 1.0])
+def test_a_matte_material_is_found(light, fidelity, reflectance):
+    """A reflectance of 1 is the end of its interval, which the fit comes near to in steps of a logistic tail."""
+    truth = Matte(float64((0.8, 0.3, 0.02)), float64([reflectance] * 3))
+    fit = fit_material(problem_of(truth, surface_of(24, 1), light, PRESETS[fidelity]), "matte")
+    assert fit.solution.status == "converged"
+    torch.testing.assert_close(fit.material.color, truth.color, atol=1e-4, rtol=0)
+    torch.testing.assert_close(fit.material.reflectance, truth.reflectance, atol=1e-4, rtol=0)
 
 
 @pytest.mark.parametrize("distribution", ["ggx", "beckmann"])
@@ -65,32 +99,61 @@ def test_the_viewers_model_finds_its_own_metal(light, rho):
 def test_microfacets_are_found_within_the_stated_errors(light, distribution, alpha):
     """Pictures of 4096 samples, fitted with 256 and another seed. Five standard errors: the chance of a sound fit to
     fail in one of seven numbers is 4e-6."""
-    surface = surface_of(24, footprint=2)
     fidelity = replace(preset("preview", distribution), samples=256, search_samples=64)
-    seen = radiance_of(gold(alpha), surface, light, fidelity, samples=4096, seed=5)
-    fit = fit_metal(Observations(surface, seen, 0.0), light, fidelity, SOLVERS["lm"], seed=0, progress=quiet)
+    fit = fit_material(problem_of(gold(alpha), surface_of(24, 2), light, fidelity, samples=4096), "metal")
     truth, errors = gold(alpha), spread(fit.residuals, fit.halves, fit.x).covariance.diagonal().sqrt()
     assert fit.solution.status == "converged"
-    assert (torch.logit(fit.metal.f0) - torch.logit(truth.f0)).abs().lt(5 * errors[:3]).all()
+    assert (torch.logit(fit.material.f0) - torch.logit(truth.f0)).abs().lt(5 * errors[:3]).all()
     roughness = fit.residuals.coordinates.roughness
     assert abs(fit.x[-1] - roughness.free(truth.roughness)) < 5 * errors[-1]
     assert errors[-1] < 0.2  # of logit in the span's logarithm, 0.09 of alpha at most: the bound above means something
 
 
+@pytest.mark.parametrize("alpha", [0.05, 0.4])
+def test_a_rough_plastic_is_found_within_the_stated_errors(light, alpha):
+    """As above, with colour and one reflectance."""
+    truth = Glossy(*(float64(v) for v in ((0.6, 0.2, 0.05), (0.05, 0.05, 0.05), alpha)))
+    fit = fit_material(problem_of(truth, surface_of(24, 2), light, preset("preview"), samples=4096), "glossy")
+    errors = spread(fit.residuals, fit.halves, fit.x).covariance.diagonal().sqrt()
+    assert fit.solution.status == "converged"
+    assert (fit.x - fit.residuals.coordinates.free(truth)).abs().lt(5 * errors).all()
+    torch.testing.assert_close(fit.material.color, truth.color, atol=0.03, rtol=0)  # or the errors would mean nothing
+
+
+TRUTHS = {
+    "metal": gold(0.3),
+    "glossy": Glossy(float64((0.5, 0.3, 0.1)), float64((0.04, 0.04, 0.04)), float64(0.2)),
+    "matte": Matte(float64((0.5, 0.3, 0.1)), float64((1.0, 1.0, 1.0))),
+}
+
+
+@pytest.mark.parametrize("fidelity", ["viewer", "preview"])
+@pytest.mark.parametrize("kind", TRUTHS)
+def test_the_type_is_found(light, fidelity, kind):
+    surface = surface_of(24, PRESETS[fidelity].footprint)
+    choice = fit_type(problem_of(TRUTHS[kind], surface, light, PRESETS[fidelity]), None)
+    assert choice.fit.material.type == kind
+    assert choice.runner_up[1] > DECISIVE
+
+
+def test_a_type_that_is_given_is_kept_to(light):
+    choice = fit_type(problem_of(TRUTHS["matte"], surface_of(24, 2), light, PRESETS["preview"]), "metal")
+    assert choice.fit.material.type == "metal"
+    assert choice.runner_up is None
+
+
 def test_the_nearest_metal_is_the_one_that_was_photographed(light):
-    surface = surface_of(24, footprint=2)
-    fidelity = preset("preview")
-    seen = radiance_of(gold(0.2), surface, light, fidelity, samples=1024, seed=5)
-    fit = fit_metal(Observations(surface, seen, 0.0), light, fidelity, SOLVERS["lm"], seed=0, progress=quiet)
+    fit = fit_material(problem_of(gold(0.2), surface_of(24, 2), light, preset("preview"), samples=1024), "metal")
     nearest = nearest_metals(fit.x, fit.residuals.coordinates, spread(fit.residuals, fit.halves, fit.x))
     assert nearest[0].name == "gold"
     assert [each.distance for each in nearest] == sorted(each.distance for each in nearest)
 
 
-def test_the_viewers_roughness_of_its_own_picture_is_found(light):
+@pytest.mark.parametrize("kind", ["metal", "glossy"])
+def test_the_viewers_roughness_of_its_own_picture_is_found(light, kind):
     """The picture is the 49 taps' own: the least difference is none, and Brent's method ends within 1e-4."""
-    surface = surface_of(32)
-    seen = radiance_of(gold(0.35), surface, light, PRESETS["viewer"], samples=49, seed=0)
-    found = viewer_roughness(Observations(surface, seen, 0.0), light, gold(0.1))
+    truth = replace(TRUTHS[kind], roughness=float64(0.35))
+    observed = problem_of(truth, surface_of(32), light, PRESETS["viewer"]).observed
+    found = viewer_roughness(observed, surroundings(light), replace(truth, roughness=float64(0.1)))
     assert found.rho == pytest.approx(0.35, abs=2e-3)  # the picture's table interpolates between levels of ρ
     assert 0 < found.stderr < 0.01

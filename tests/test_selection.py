@@ -27,7 +27,9 @@ def photograph(origin=(0.0, 0.0, 4.0), target=(0.0, 0.0, 0.0), size: int = 96, m
 
 def choose(*photographs: Photograph, shape=Sphere(), count: int = 800, seed: int = 0):  # noqa: B008
     trace = gbuffer.tracer(shape)
-    return choose_pixels(photographs, trace, Path("scene.toml"), count=count, footprint=2, seed=seed)
+    (found,) = choose_pixels(photographs, trace, Path("scene.toml"), count=count, footprint=2, seed=seed)
+    assert found is not None
+    return found
 
 
 def bowl() -> Mesh:
@@ -105,3 +107,30 @@ def test_cameras_that_see_no_front_are_told(view, words):
     with pytest.raises(InputError, match=words) as caught:
         choose(photograph(), view)
     assert caught.value.field == "photographs[1].camera"
+
+
+def halves() -> Mesh:
+    """A ball of two materials, one above z = 0 and one below, and a third that no triangle has."""
+    ball = trimesh.creation.icosphere(subdivisions=4)
+    below = (ball.triangles_center[:, 2] < 0).astype(int)
+    vertices, faces = np.asarray(ball.vertices), np.asarray(ball.faces)
+    return Mesh(vertices, faces, vertices, None, below, ("above", "below", "nowhere"))
+
+
+def test_each_material_gets_its_own_pixels():
+    """Seen along x and along z; both photographs show the upper material, only one the lower."""
+    seen = [photograph((4.0, 0.0, 0.0)), photograph((0.0, 0.001, 4.0))]
+    options = {"count": 400, "footprint": 2, "seed": 0, "materials": 3}
+    above, below, nowhere = choose_pixels(seen, gbuffer.tracer(halves()), Path("scene.toml"), **options)
+    assert nowhere is None
+    for index, found in enumerate((above, below)):
+        assert (found.surface.material == index).all()
+    assert (above.surface.position[..., 2] > -0.05).all()  # an icosphere's edge is 0.07 long
+    assert (below.surface.position[..., 2] < 0.05).all()
+    assert len(above.radiance) == 400
+    assert 150 < len(below.radiance) <= 200
+
+
+def test_a_photograph_of_which_no_pixel_is_whole_is_refused():
+    with pytest.raises(InputError, match="covers wholly"):
+        choose(photograph((0.0, 0.0, 150.0)))
