@@ -9,12 +9,13 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
+from renderer import gbuffer
 from renderer.camera import Camera
 from renderer.environment import Environment
 from renderer.mesh import Shape
 from renderer.model import Appearance
 from renderer.scene import LightSpec
-from renderer.shading import render_shape
+from renderer.shading import illuminations, shade_surface
 from renderer.surroundings import surroundings
 from renderer.truth import Channels, TrueGlossy, TrueMaterial, TrueMetal
 from shaders.materials import Glossy, Material, Matte, Metal
@@ -30,13 +31,16 @@ def viewer_photographer(
         materials: one for each of the shape's names; all but matte ones have a roughness.
     """
     appearances = [Appearance(thesis_material(material)) for material in materials]
-    around = surroundings(environment, lights)
+    tracer = gbuffer.tracer(shape)
+    with torch.no_grad():  # once: what the objects capture of each other is the same for every camera
+        lit = illuminations(shape, appearances, surroundings(environment, lights))
 
     def photograph(camera: Camera, seed: int, progress: Callable[[float], None]) -> Float[np.ndarray, "h w 4"]:
         with torch.no_grad():
-            pixels = render_shape(shape, appearances, camera, around)
+            surface = gbuffer.pixel_centres(tracer, camera)
+            radiance = shade_surface(surface, appearances, lit)
         progress(1.0)
-        return pixels.numpy().astype(np.float32)
+        return np.concatenate([radiance.numpy(), surface.hit.numpy()[..., None]], -1, dtype=np.float32)
 
     return photograph
 
