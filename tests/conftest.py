@@ -23,3 +23,15 @@ def shared_data() -> Path:
     if not folder.is_dir():
         pytest.skip("../shared/data is absent")
     return folder
+
+
+@pytest.fixture(scope="session")
+def gl():
+    """An OpenGL context without a window."""
+    from renderer.errors import InputError
+    from renderer.viewer.context import offscreen_context
+
+    try:
+        return offscreen_context()
+    except InputError as error:
+        pytest.skip(str(error))
