@@ -124,7 +124,8 @@ def shade_surface(
         lights: by `surface.part`.
 
     Returns:
-        in the dtype of the materials; differentiable in them and in the light.
+        in the dtype of the materials; differentiable in them and in the light, through cubemaps in reverse mode only
+        (torch has no forward derivative of `grid_sample`).
     """
     flat = surface.reshape(-1)
     dtype = functools.reduce(torch.promote_types, (_dtype(each) for each in appearances))
