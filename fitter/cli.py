@@ -18,10 +18,11 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 from typer.exceptions import TyperException
 
+from fitter.printing import flush, say
+from fitter.view_command import view
 from renderer.errors import InputError
 
 if TYPE_CHECKING:
-    from renderer.scene import LightSpec
     from renderer.truth import ShadingModel, TrueMaterial
 
 BEGUN = time.perf_counter()
@@ -33,6 +34,8 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     help="Recover what an object is made of from photographs: n, k, roughness, with error bars.",
 )
+
+app.command()(view)
 
 Progress = Callable[[str, float], None]
 
@@ -132,29 +135,8 @@ def _run(arguments: list[str]) -> int:
         code = app(arguments, prog_name="fit-material", standalone_mode=False)
     except SystemExit:  # typer's own, where nobody reads the help
         code = DONE
-    _flush()
+    flush()
     return code
-
-
-def _say(*words: object) -> None:
-    """Print to standard output, if anybody reads it: `| head` may have closed it."""
-    with _unread():
-        print(*words, flush=True)
-
-
-def _flush() -> None:
-    with _unread():
-        sys.stdout.flush()
-
-
-@contextmanager
-def _unread() -> Iterator[None]:
-    try:
-        yield
-    except BrokenPipeError:
-        nowhere = os.open(os.devnull, os.O_WRONLY)
-        os.dup2(nowhere, sys.stdout.fileno())  # or Python would fail once more at its end
-        os.close(nowhere)
 
 
 def _usage(error: TyperException) -> str:
@@ -259,14 +241,15 @@ def synth(
         if materials is None
         else _true_materials(materials, asked, said)
     )
-    from renderer.synth import SynthOptions, synthesise  # after the slips that need no torch
+    from renderer.scene import light_option  # after the slips that need no torch
+    from renderer.synth import SynthOptions, synthesise
 
     options = SynthOptions(
         known,
         model=chosen,
         mesh=mesh,
         env=env,
-        lights=() if light is None else (_light(light),),
+        lights=() if light is None else (light_option(light),),
         views=views,
         size=size,
         spp=spp,
@@ -276,7 +259,7 @@ def synth(
     )
     with _progress(quiet) as progress:
         scene = synthesise(options, out, progress)
-    _say(scene)
+    say(scene)
 
 
 @app.command()
@@ -289,7 +272,7 @@ def demo(out: Out = Path("demo"), quiet: Quiet = False) -> None:
     with _progress(quiet) as progress:
         scene = synthesise(options, out / "photographs", progress)
     code = _fit(scene, out, "metal", "standard", "ggx", "lm", 0, "cpu", quiet, begun=time.perf_counter())
-    _say(f"truth: {out / 'photographs' / 'truth.json'}")
+    say(f"truth: {out / 'photographs' / 'truth.json'}")
     raise typer.Exit(code)
 
 
@@ -309,7 +292,7 @@ def export(
     except RecursionError:
         raise InputError(result, expected="JSON without hundreds of lists inside each other") from None
     for path in write(read, formats, out, _stem(result), result):
-        _say(path)
+        say(path)
 
 
 def _stem(result: Path) -> str:
@@ -317,14 +300,6 @@ def _stem(result: Path) -> str:
     folder, ending = result.resolve().parent, ".thesis.mtl"
     names = [path.name.removesuffix(ending) for path in folder.glob(f"?*{ending}")]
     return names[0] if len(names) == 1 else folder.name or "material"
-
-
-def _light(values: tuple[float, ...]) -> LightSpec:
-    from renderer.checked import check
-    from renderer.scene import LightSpec
-
-    table = {"type": "directional", "direction": values[:3], "irradiance": values[3:]}
-    return check(LightSpec, table, Path("--light"))
 
 
 def _true_material(asked: Any, **said: Any) -> tuple[TrueMaterial, ShadingModel]:
@@ -376,15 +351,15 @@ def _fit(
 def _print_result(result, out: Path) -> None:
     for material in result.materials:
         nearest = f", most like {material.nearest[0].name}" if material.nearest else ""
-        _say(f"{material.name}: {material.type}{nearest}")
+        say(f"{material.name}: {material.type}{nearest}")
         for key in ("n", "k", "color", "reflectance", "f0", "alpha", "roughness"):
             values, errors = getattr(material, key), getattr(material.stderr, key)
             if values is None:
                 continue
             pairs = zip(values, errors, strict=True) if isinstance(values, tuple) else [(values, errors)]
-            _say(f"  {key:11}", "   ".join(_with_error(value, error) for value, error in pairs))
-    _say(result.message)
-    _say(f"report: {out / 'report.html'}")
+            say(f"  {key:11}", "   ".join(_with_error(value, error) for value, error in pairs))
+    say(result.message)
+    say(f"report: {out / 'report.html'}")
 
 
 def _with_error(value: float, error: float | None) -> str:

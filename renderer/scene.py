@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import tomllib
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -70,6 +71,16 @@ class LightSpec(Checked):
     type: Literal["directional"]
     direction: Annotated[Vector, AfterValidator(_nonzero)]
     irradiance: Annotated[tuple[NonNegativeFloat, NonNegativeFloat, NonNegativeFloat], Strict(False)]
+
+
+def light_option(values: Sequence[float]) -> LightSpec:
+    """The light of a command line's `--light X Y Z R G B`: towards it, and its irradiance.
+
+    Raises:
+        InputError: the direction is zero, or a number not finite or negative.
+    """
+    table = {"type": "directional", "direction": tuple(values[:3]), "irradiance": tuple(values[3:])}
+    return check(LightSpec, table, Path("--light"))
 
 
 class CameraSpec(Checked):

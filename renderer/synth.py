@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, get_args
 
@@ -107,7 +107,7 @@ def synthesise(
             mesh names.
     """
     progress("environment", 0.0)
-    environment = _environment(options)
+    environment = named_environment(options.env)
     shape = Sphere() if options.mesh is None else read_mesh(options.mesh)
     materials = _by_name(options, shape)
     photographer = _photographer(options, shape, environment, list(materials.values()))
@@ -131,9 +131,18 @@ def _share_of_all(progress: Callable[[str, float], None], index: int, count: int
     return lambda share: progress(f"photograph {index + 1} of {count}", (index + share) / count)
 
 
-def _environment(options: SynthOptions) -> Environment:
-    make = MADE_HERE.get(options.env)
-    return read_environment(options.env) if make is None else make()
+def named_environment(env: str, rotation: float = 0.0) -> Environment:
+    """The environment of a command line's `--env`: one that is made here, or a file's.
+
+    Args:
+        env: "studio", "sunsky", or the path of a map or of a folder with six faces.
+        rotation: degrees about +Y.
+
+    Raises:
+        InputError: as `read_environment`.
+    """
+    make = MADE_HERE.get(env)
+    return read_environment(env, rotation) if make is None else replace(make(), rotation=rotation)
 
 
 def _by_name(options: SynthOptions, shape: Shape) -> dict[str, TrueMaterial]:

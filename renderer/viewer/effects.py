@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from renderer.model import Appearance
+from shaders.lobe import MIRROR
 from shaders.materials import Matte
 
 Definitions = frozenset[tuple[str, int]]
@@ -27,7 +28,7 @@ def definitions(
     wanted = {
         material.type.upper(): 1,
         "LIGHTS": lights,
-        "BLUR": int(reflective and float(material.roughness) > 0),
+        "BLUR": int(reflective and float(material.roughness) > MIRROR),
         "NEIGHBOURS": int(reflective and neighbours),
         "COLOR_MAP": int(material.type != "metal" and uv and maps.color is not None),
         "NORMAL_MAP": int(uv and tangents and maps.normal is not None),

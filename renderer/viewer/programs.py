@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from importlib import resources
-from typing import Any, cast
+from typing import Any
 
 import moderngl
 import numpy as np
@@ -61,7 +61,7 @@ def assign(program: moderngl.Program, values: Mapping[str, Any]) -> None:
     """Set the uniforms that the program has; a matrix is given transposed, since OpenGL holds it by columns."""
     for name, value in values.items():
         if name in program:
-            uniform = cast(moderngl.Uniform, program[name])
+            uniform: Any = program[name]
             uniform.write(np.asarray(value).astype(uniform.fmt[-1]).tobytes())  # "9d" is nine doubles
 
 

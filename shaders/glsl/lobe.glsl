@@ -8,7 +8,7 @@ const float PI = 3.14159265358979;
 
 // K_H, perpendicular to r and parallel to the XZ plane, (1, 0, 0) where r is parallel to ±Y. Thesis 3.1.3; `tap_axes`.
 vec3 horizontal_axis(vec3 r) {
-    return r.x == 0.0 && r.z == 0.0 ? vec3(1.0, 0.0, 0.0) : normalize(vec3(r.z, 0.0, -r.x));
+    return dot(r.xz, r.xz) < 1e-24 ? vec3(1.0, 0.0, 0.0) : normalize(vec3(r.z, 0.0, -r.x));
 }
 
 // What a cubemap holds around r: the 49 taps normalise(r + (i/3)ρK_H + (j/3)ρK_V) in two passes, over j, then over i.
@@ -26,7 +26,8 @@ vec3 blur(samplerCube radiance, vec3 r, float rho) {
     return blurred;
 }
 
-// A directional light's reflection per radiance of the light, G(|r - l|; ρ/2). Thesis 3.1; `light_reflection`.
+// A directional light's reflection per radiance of the light, G(|r - l|; ρ/2), of a surface that is not a mirror.
+// Thesis 3.1; `light_reflection`.
 float light_reflection(vec3 r, vec3 towards, float rho) {
     float sigma = rho / 2.0;
     vec3 apart = (r - towards) / sigma;  // before the square, which would underflow for a small σ

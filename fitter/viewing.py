@@ -1,0 +1,246 @@
+"""What `fit-material view` does: reads, checks, and draws into a window or into files."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import re
+import sys
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Literal
+
+import numpy as np
+import torch
+
+from renderer.atomic import write_bytes_atomically
+from renderer.camera import Camera, look_at
+from renderer.errors import InputError
+from renderer.images import write_exr
+from renderer.model import Model, read_model
+from renderer.scene import light_option
+from renderer.surroundings import Surroundings, surroundings
+from renderer.synth import named_environment
+from renderer.truth import require
+from renderer.viewer.compare import Photographs
+from renderer.viewer.display import Codes, Display, draw_whole, png
+from renderer.viewer.drawing import Stage
+from renderer.viewer.eye import Eye, eye_of, frame
+from renderer.viewer.geometry import bounds
+from renderer.viewer.look import Look
+from renderer.viewer.offscreen import picture
+from shaders.materials import TYPE_CODES
+
+if TYPE_CHECKING:
+    import moderngl
+
+Numbers = tuple[float, float, float]
+
+LARGEST_SIDE = 16384
+MOST_STOPS = 60.0
+_YAW, _PITCH = math.radians(25), math.radians(-15)  # from where a model is seen first: the side, a little above
+
+
+@dataclass(frozen=True)
+class ViewOptions:
+    """The arguments of the command, under its names for them.
+
+    Raises:
+        InputError: a number is out of its range; names the option.
+    """
+
+    model: Path
+    env: str
+    mtl: Path | None
+    screenshot: Path | None
+    turntable: Path | None
+    frames: int
+    size: tuple[int, int]
+    origin: Numbers | None
+    target: Numbers | None
+    up: Numbers
+    fov: float
+    exposure: float
+    curve: str
+    rotation: float
+    sky: bool
+    neighbours: bool
+    antialias: int
+    ambient: Numbers | None
+    light: tuple[float, ...] | None
+    codes: str
+    dialect: Literal["auto", "thesis", "ordinary"]
+    photograph: Path | None
+    view: int
+    compare: Literal["beside", "swipe", "difference"]
+
+    def __post_init__(self) -> None:
+        width, height = self.size
+        sides = f"1 to {LARGEST_SIDE} pixels along each side"
+        require("--size", f"{width} {height}", min(self.size) >= 1 and max(self.size) <= LARGEST_SIDE, sides)
+        require("--fov", self.fov, 0.01 <= self.fov <= 179, "0.01 to 179 degrees")
+        require("--exposure", self.exposure, abs(self.exposure) <= MOST_STOPS, f"at most {MOST_STOPS:g} stops")
+        require("--rotation", self.rotation, abs(self.rotation) <= 1e6, "an angle in degrees")
+        require("--antialias", self.antialias, 1 <= self.antialias <= 16, "1 to 16 samples along a pixel's side")
+        for option, point in (("--origin", self.origin), ("--target", self.target), ("--up", self.up)):
+            finite = point is None or all(map(math.isfinite, point))
+            require(option, _spaced(point), finite, "three finite numbers")
+        dark = self.ambient is None or all(0 <= value < math.inf for value in self.ambient)
+        require("--ambient", _spaced(self.ambient), dark, "three finite numbers >= 0")
+        require("--target", _spaced(self.target), self.target is None or self.origin is not None, "--origin beside it")
+        require(
+            "--screenshot", self.screenshot, _ending(self.screenshot) in ("", ".png", ".exr"), "a .png or .exr file"
+        )
+        linear = self.photograph is not None and _ending(self.screenshot) == ".exr"
+        require("--screenshot", self.screenshot, not linear, "a .png beside --photograph: comparisons are tone-mapped")
+
+
+def show(options: ViewOptions) -> Iterator[Path]:
+    """Open the window; or write what is asked for, and tell where.
+
+    Raises:
+        InputError: a file cannot be read or written, or there is no OpenGL.
+    """
+    light = _surroundings(options)
+    photographs = None if options.photograph is None else Photographs(options.photograph)
+    if photographs is not None:
+        photographs[options.view - 1]  # one that is not there is told before anything is drawn
+    if options.screenshot is None and options.turntable is None:
+        _open_window(options, light, photographs)
+        return
+    model = _read(options)
+    for remark in model.remarks:
+        print(remark, file=sys.stderr)
+    yield from _written(options, model, light, photographs)
+
+
+def type_codes(text: str) -> Mapping[str, int]:
+    """The table in `matte=0,glossy=1,metal=2`; a type that is left out keeps its code.
+
+    Raises:
+        InputError: anything else is written there, or two types share a code.
+    """
+    entries = [re.fullmatch(r"\s*(matte|glossy|metal)\s*=\s*(-?\d{1,9})\s*", entry) for entry in text.split(",")]
+    given = {entry[1]: int(entry[2]) for entry in entries if entry}
+    table = {**TYPE_CODES, **given}
+    fulfilled = all(entries) and len(given) == len(entries) and len({*table.values()}) == len(table)
+    require("--codes", text, fulfilled, "one whole number for each type, as in matte=0,glossy=4,metal=8")
+    return table
+
+
+def first_look(options: ViewOptions, model: Model, comparison: bool) -> Look:
+    """The look that the options ask for.
+
+    Raises:
+        InputError: origin, target and up do not make a camera.
+    """
+    return Look(
+        eye=_eye(options, model),
+        exposure=options.exposure,
+        curve=options.curve,
+        sky=options.sky,
+        comparison=options.compare if comparison else "off",
+        photograph=options.view - 1,
+    )
+
+
+def _eye(options: ViewOptions, model: Model) -> Eye:
+    within = bounds(model.mesh.vertices[np.unique(model.mesh.faces)])
+    x, y, z = within.centre.tolist()
+    if options.origin is None:
+        width, height = options.size
+        return frame(Eye((x, y, z), 1.0, _YAW, _PITCH, fov=options.fov), within, width / height)
+    target = options.target or (x, y, z)
+    origin, towards, up = (torch.tensor(v, dtype=torch.float64) for v in (options.origin, target, options.up))
+    try:
+        pose = look_at(origin, towards, up)
+    except ValueError:
+        expected = "a point apart from --target, and not straight along --up from it"
+        raise InputError("--origin", value=_spaced(options.origin), expected=expected) from None
+    return eye_of(Camera(pose, *options.size, fov=options.fov), target)
+
+
+def _open_window(options: ViewOptions, light: Surroundings, photographs: Photographs | None) -> None:
+    from renderer.viewer.session import Subject
+    from renderer.viewer.window import run
+
+    look = first_look(options, _read(options), comparison=photographs is not None)
+    subject = Subject(
+        lambda: _read(options),
+        light,
+        look,
+        photographs=photographs,
+        antialias=options.antialias,
+        neighbours=options.neighbours,
+    )
+    run(subject, options.size)
+
+
+def _written(
+    options: ViewOptions, model: Model, light: Surroundings, photographs: Photographs | None
+) -> Iterator[Path]:
+    """The files that the options ask for, one after another."""
+    from renderer.viewer.context import offscreen_context
+
+    look = first_look(options, model, comparison=photographs is not None)
+    context = offscreen_context()
+    stage = Stage(context, model, light, neighbours=options.neighbours, exact=True)
+    drawing = _Drawing(options, context, stage, photographs)
+    if options.screenshot is not None:
+        drawing.write_screenshot(options.screenshot, look)
+        yield options.screenshot
+    if options.turntable is not None:
+        drawing.write_turntable(options.turntable, look)
+        yield options.turntable
+
+
+@dataclass(frozen=True)
+class _Drawing:
+    """A stage that is drawn into files."""
+
+    options: ViewOptions
+    context: moderngl.Context
+    stage: Stage
+    photographs: Photographs | None
+
+    def write_screenshot(self, path: Path, look: Look) -> None:
+        if _ending(path) == ".png":
+            write_bytes_atomically(path, png(self._codes(look)))
+            return
+        options = self.options
+        camera = look.eye.camera(*options.size)
+        linear = picture(self.context, self.stage, camera, sky=options.sky, antialias=options.antialias)
+        write_exr(path, linear[..., :3] if options.sky else linear)
+
+    def write_turntable(self, folder: Path, look: Look) -> None:
+        from renderer.viewer.turntable import turntable
+
+        alone = dataclasses.replace(look, comparison="off")
+        frames = turntable(
+            folder, look.eye, self.options.frames, lambda eye: self._codes(dataclasses.replace(alone, eye=eye))
+        )
+        for _ in frames:
+            pass
+
+    def _codes(self, look: Look) -> Codes:
+        photograph = None if self.photographs is None else self.photographs[look.photograph]
+        display = Display(self.context, self.options.antialias)
+        return draw_whole(self.context, display, self.options.size, self.stage, look, photograph)
+
+
+def _read(options: ViewOptions) -> Model:
+    return read_model(options.model, options.mtl, type_codes(options.codes), options.dialect)
+
+
+def _surroundings(options: ViewOptions) -> Surroundings:
+    lights = () if options.light is None else (light_option(options.light),)
+    return surroundings(named_environment(options.env, options.rotation), lights, options.ambient)
+
+
+def _ending(path: Path | None) -> str:
+    return "" if path is None else path.suffix.lower() or "missing"
+
+
+def _spaced(point: Numbers | None) -> str:
+    return "" if point is None else " ".join(f"{value:g}" for value in point)
