@@ -8,7 +8,8 @@
 #   make bench     accuracy and time, as the README states them
 #   make clean     remove everything that these have made
 #
-# Needed beforehand: Python 3.11 or newer. Settings, each as in `make install PYTHON=/opt/python/bin/python3`:
+# Needed beforehand: Python 3.11 or newer; for `fit-material view` the OpenGL libraries, which are installed where that
+# is allowed. Settings, each as in `make install PYTHON=/opt/python/bin/python3`:
 #
 #   PYTHON   the Python to make .venv from
 #   TORCH    what pip installs torch from; another build of it: TORCH="torch==2.13.0 --index-url ADDRESS"
@@ -54,6 +55,7 @@ clean:
 $(installed): pyproject.toml | $(bin)/python
 	$(bin)/python -m pip install $(TORCH)
 	$(bin)/python -m pip install -e '.[dev]'
+	bash tools/install_libraries.sh $(bin)/python
 	@touch $@
 
 $(bin)/python:

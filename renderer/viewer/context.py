@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import functools
+
 import moderngl
 
 from renderer.errors import InputError
@@ -11,8 +13,9 @@ REMEDY = "sudo apt-get install libegl1 libgl1 libgl1-mesa-dri"
 _TEXTURE_CUBE_MAP_SEAMLESS = 0x884F
 
 
+@functools.cache
 def offscreen_context() -> moderngl.Context:
-    """An OpenGL 4.3 context through EGL, which needs no display.
+    """An OpenGL 4.3 context through EGL, which needs no display; the same one for everybody who asks.
 
     Raises:
         InputError: a library is missing, or the driver is too old; says what to type.
