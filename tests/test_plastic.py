@@ -53,8 +53,8 @@ def test_body_is_mitsubas_roughplastic(distribution, alpha, eta):
     ratio = np.array([body(*pair) for pair in COSINES]) / found
     # T alone, the ratio of two directions: Mitsuba's 32 × 32 points leave 8e-4, where T is least
     assert ratio / ratio[0] == pytest.approx(1, abs=2e-3)
-    # our quadrature of 1 - R leaves 1e-3 (2e-3 for η = 2.5), Mitsuba's as much; at α = 0.01 its 64 cosines miss the kink
-    # of R(µ) at the critical angle: h^1.5 of them, weighed by 1/(1-R)
+    # 1 - R: our quadrature leaves 1e-3 (2e-3 for η = 2.5), and Mitsuba's as much; at α = 0.01 its 64 cosines miss the
+    # kink of R(µ) at the critical angle
     coarse = {1.9: 5e-3, 2.5: 2.2e-2}.get(eta, 0) if alpha < 0.05 else 0
     assert ratio[0] == pytest.approx(1, abs=coarse + (1.5e-3 if eta <= 1.5 else 3e-3))
 
