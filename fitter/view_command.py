@@ -33,7 +33,10 @@ class ComparisonName(enum.StrEnum):
 
 def view(
     model: Annotated[Path, typer.Argument(metavar="MODEL.obj", help="Any mesh file.")],
-    env: Annotated[str, typer.Option(help="studio, sunsky, a map, or a folder with six faces.")] = "studio",
+    env: Annotated[
+        str | None,
+        typer.Option(help="studio, sunsky, a map, or a folder with six faces; else the photographs', or studio."),
+    ] = None,
     mtl: Annotated[
         Path | None,
         typer.Option(help="The materials; without it MODEL.thesis.mtl beside the mesh, else the mesh's own."),

@@ -6,7 +6,7 @@ import dataclasses
 import math
 import re
 import sys
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
@@ -16,10 +16,11 @@ import torch
 
 from renderer.atomic import write_bytes_atomically
 from renderer.camera import Camera, look_at
+from renderer.environment import read_environment
 from renderer.errors import InputError
 from renderer.images import write_exr
 from renderer.model import Model, read_model
-from renderer.scene import light_option
+from renderer.scene import LightSpec, light_option, read_scene
 from renderer.surroundings import Surroundings, surroundings
 from renderer.synth import named_environment
 from renderer.truth import require
@@ -51,7 +52,7 @@ class ViewOptions:
     """
 
     model: Path
-    env: str
+    env: str | None
     mtl: Path | None
     screenshot: Path | None
     turntable: Path | None
@@ -165,9 +166,10 @@ def _open_window(options: ViewOptions, light: Surroundings, photographs: Photogr
     from renderer.viewer.session import Subject
     from renderer.viewer.window import run
 
-    look = first_look(options, _read(options), comparison=photographs is not None)
+    model = _read(options)
+    look, once_read = first_look(options, model, comparison=photographs is not None), [model]
     subject = Subject(
-        lambda: _read(options),
+        lambda: once_read.pop() if once_read else _read(options),
         light,
         look,
         photographs=photographs,
@@ -186,7 +188,7 @@ def _written(
     look = first_look(options, model, comparison=photographs is not None)
     context = offscreen_context()
     stage = Stage(context, model, light, neighbours=options.neighbours, exact=True)
-    drawing = _Drawing(options, context, stage, photographs)
+    drawing = _Drawing(options, context, stage, Display(context, options.antialias), photographs)
     if options.screenshot is not None:
         drawing.write_screenshot(options.screenshot, look)
         yield options.screenshot
@@ -202,6 +204,7 @@ class _Drawing:
     options: ViewOptions
     context: moderngl.Context
     stage: Stage
+    display: Display
     photographs: Photographs | None
 
     def write_screenshot(self, path: Path, look: Look) -> None:
@@ -225,8 +228,7 @@ class _Drawing:
 
     def _codes(self, look: Look) -> Codes:
         photograph = None if self.photographs is None else self.photographs[look.photograph]
-        display = Display(self.context, self.options.antialias)
-        return draw_whole(self.context, display, self.options.size, self.stage, look, photograph)
+        return draw_whole(self.context, self.display, self.options.size, self.stage, look, photograph)
 
 
 def _read(options: ViewOptions) -> Model:
@@ -234,8 +236,14 @@ def _read(options: ViewOptions) -> Model:
 
 
 def _surroundings(options: ViewOptions) -> Surroundings:
-    lights = () if options.light is None else (light_option(options.light),)
-    return surroundings(named_environment(options.env, options.rotation), lights, options.ambient)
+    """The light that the options name; beside photographs and unless told otherwise, that of their scene."""
+    lights: Sequence[LightSpec] = () if options.light is None else (light_option(options.light),)
+    if options.env is not None or options.photograph is None:
+        return surroundings(named_environment(options.env or "studio", options.rotation), lights, options.ambient)
+    scene = read_scene(options.photograph)
+    spec = scene.environment
+    environment = read_environment(spec.map, spec.rotation + options.rotation, spec.scale)
+    return surroundings(environment, lights or scene.lights, options.ambient)
 
 
 def _ending(path: Path | None) -> str:
