@@ -11,10 +11,9 @@ model of Mitsuba 3's `roughplastic` (with `nonlinear` off); as α → 0, that of
 
 from __future__ import annotations
 
-import functools
 import math
+from typing import get_args
 
-import numpy as np
 import torch
 from jaxtyping import Float
 from torch import Tensor
@@ -111,7 +110,7 @@ def diffuse_internal_reflectance(
         R̄, in [0, 1): 2 ∫ c F dc in the limit α → 0, as in Mitsuba's `plastic`.
     """
     eta, alpha = (value[..., None] for value in torch.broadcast_tensors(eta, alpha))
-    outside, weight = (value.to(eta) for value in _legendre(16))
+    outside, weight = (value.to(eta) for value in _OUTSIDE)
     inside = (1 - (1 - outside**2) / eta**2).sqrt()
     unmasked = _unmasked(torch.cat([outside.expand_as(inside), inside], -1), alpha, distribution)
     white, passing = unmasked.unflatten(-1, (2, -1)).unbind(-2)
@@ -128,7 +127,7 @@ def _upright_internal_reflectance(
     what passes those that are flatter than the critical angle (tan² = 1/(η²-1)), at which 1 - F ends like a root.
     """
     eta, alpha = (value[..., None] for value in torch.broadcast_tensors(eta, alpha))
-    t, weight = (value.to(eta) for value in _legendre(8))
+    t, weight = (value.to(eta) for value in _SHARES)
     critical = (eta**2 - 1).clamp_min(1.0).reciprocal()
     ends = _flatter(torch.stack([torch.ones_like(critical), critical]), alpha, distribution)
     share = ends * t * (2 - t)
@@ -151,7 +150,7 @@ def _unmasked(
     cos_d: Float[Tensor, "*p c"], alpha: Float[Tensor, "*p 1"], distribution: Distribution
 ) -> Float[Tensor, "*p c"]:
     """Mean of G1(v) G1(l) / (n·h) over microfacets h and mirrored pairs v, l that make the angle `cos_d` with h."""
-    squared, turn, weight = (value.to(cos_d) for value in _facets_and_turns(12, 8, distribution))
+    squared, turn, weight = (value.to(cos_d) for value in _FACETS[distribution])
     cos_d, alpha = cos_d[..., None], alpha[..., None]
     h_z = torch.rsqrt(1 + alpha**2 * squared)
     upward = cos_d * h_z
@@ -168,7 +167,7 @@ def _visible_normals(
     v = (√(1-cos_v²), 0, cos_v). The normals stand for their mirror images at -y, too.
     """
     if distribution == "ggx":
-        u1, u2, weight = (value.to(cos_v) for value in _half_disc(10, 8))
+        u1, u2, weight = (value.to(cos_v) for value in _DISC)
         h_x, _, h_z = lobe.sample_visible_normals(cos_v, alpha, u1, u2)
         return h_x, h_z, weight.expand_as(h_x)
     return _visible_beckmann(cos_v, alpha)
@@ -178,7 +177,7 @@ def _visible_beckmann(
     cos_v: Float[Tensor, "*p 1"], alpha: Float[Tensor, "*p 1"]
 ) -> tuple[Float[Tensor, "*p q"], Float[Tensor, "*p q"], Float[Tensor, "*p q"]]:
     """Slopes αx, αy have the density exp(-x²-y²) max(0, cos_v - α sin_v x), up to a factor [Heitz 2014]."""
-    along, across, weight = (value.to(cos_v) for value in _slope_plane(16, 12))
+    along, across, weight = (value.to(cos_v) for value in _SLOPES)
     tilt = alpha * ((1 - cos_v) * (1 + cos_v)).clamp_min(0).sqrt()
     steepest = cos_v / torch.maximum(tilt, cos_v / _STEEPEST)  # facets beyond are turned away
     x = along * (steepest + _STEEPEST) - _STEEPEST
@@ -187,14 +186,25 @@ def _visible_beckmann(
     return -alpha * x * h_z, h_z, seen / seen.sum(-1, keepdim=True)
 
 
-@functools.cache
+def _gauss(
+    diagonal: Float[Tensor, " n"], beside: Float[Tensor, " n-1"]
+) -> tuple[Float[Tensor, " n"], Float[Tensor, " n"]]:
+    """Nodes, ascending, and weights, of sum 1, from the recurrence of orthonormal polynomials [Golub & Welsch 1969]."""
+    nodes, vectors = torch.linalg.eigh(diagonal.diag() + beside.diag(1) + beside.diag(-1))
+    return nodes, vectors[0] ** 2
+
+
+def _orders(count: int) -> Float[Tensor, " count-1"]:
+    return torch.arange(1, count, dtype=torch.float64)
+
+
 def _legendre(count: int) -> tuple[Float[Tensor, " count"], Float[Tensor, " count"]]:
     """Gauss–Legendre nodes and weights on [0, 1]."""
-    x, weight = np.polynomial.legendre.leggauss(count)
-    return torch.from_numpy((x + 1) / 2), torch.from_numpy(weight / 2)
+    k = _orders(count)
+    x, weight = _gauss(k.new_zeros(count), k / (4 * k**2 - 1).sqrt())
+    return (x + 1) / 2, weight
 
 
-@functools.cache
 def _half_disc(rings: int, spokes: int) -> tuple[Float[Tensor, " q"], Float[Tensor, " q"], Float[Tensor, " q"]]:
     """u1, u2 and weights over the right half of a disc of radius √u1; √u1 = sin t makes a hemisphere over it smooth."""
     t, weight = _legendre(rings)
@@ -204,16 +214,14 @@ def _half_disc(rings: int, spokes: int) -> tuple[Float[Tensor, " q"], Float[Tens
     return (t.sin() ** 2).repeat_interleave(spokes), u2.double().repeat(rings), weight.repeat_interleave(spokes)
 
 
-@functools.cache
 def _slope_plane(along: int, across: int) -> tuple[Float[Tensor, " q"], Float[Tensor, " q"], Float[Tensor, " q"]]:
     """x in [0, 1], y > 0 and weights: Gauss–Legendre in x, Gauss–Hermite in y."""
     x, weight_x = _legendre(along)
-    y, weight_y = np.polynomial.hermite.hermgauss(across)
-    y, weight_y = torch.from_numpy(y[across // 2 :]), torch.from_numpy(weight_y[across // 2 :])
+    y, weight_y = _gauss(weight_x.new_zeros(across), (_orders(across) / 2).sqrt())
+    y, weight_y = y[across // 2 :], weight_y[across // 2 :]
     return x.repeat_interleave(len(y)), y.repeat(along), torch.outer(x * 0 + weight_x, weight_y).flatten()
 
 
-@functools.cache
 def _facets_and_turns(
     facets: int, turns: int, distribution: Distribution
 ) -> tuple[Float[Tensor, " q"], Float[Tensor, " q"], Float[Tensor, " q"]]:
@@ -224,12 +232,18 @@ def _facets_and_turns(
     return squared.repeat_interleave(turns), sideways.flatten(), torch.outer(weight, even).flatten()
 
 
-@functools.cache
 def _squared_slopes(count: int, distribution: Distribution) -> tuple[Float[Tensor, " q"], Float[Tensor, " q"]]:
     """tan²/α² of microfacets, and weights for D(h) (n·h) dω_h, whose sum is 1."""
     if distribution == "beckmann":
-        squared, weight = np.polynomial.laguerre.laggauss(count)
-        return torch.from_numpy(squared), torch.from_numpy(weight)
+        return _gauss(2 * torch.arange(count, dtype=torch.float64) + 1, _orders(count))  # Laguerre's
     t, weight = _legendre(count)
     t = math.pi / 2 * t
     return t.tan() ** 2, math.pi / 2 * weight * torch.sin(2 * t)
+
+
+# The rules are made once, here: made at their first use inside a derivative of torch.func they would belong to it.
+_OUTSIDE = _legendre(16)
+_SHARES = _legendre(8)
+_DISC = _half_disc(10, 8)
+_SLOPES = _slope_plane(16, 12)
+_FACETS = {distribution: _facets_and_turns(12, 8, distribution) for distribution in get_args(Distribution)}
