@@ -101,7 +101,7 @@ def write(path: Path, text: str) -> None:
 
 def finish(session: Session, screen: Screen) -> np.ndarray:
     """Draw until there is nothing left to do."""
-    for _ in range(1000):
+    for _ in range(100_000):  # a moment passes before a picture is taken to be at rest
         if not session.busy:
             return screen.pixels()
         session.film()
@@ -134,6 +134,26 @@ def test_turned_surroundings_are_turned_for_sky_ambient_light_and_reflections(be
         # float32 turns directions by 1e-7, which the slope of the light and of its cubemap's texels makes less than
         # a code of; codes that lie at a rounding's edge change by one
         assert np.abs(here - there).max() <= 1
+
+
+def test_a_slow_picture_is_coarse_while_it_moves_and_whole_at_rest(begin, screen, monkeypatch):
+    now = [0.0]
+    monkeypatch.setattr(session_module.time, "perf_counter", lambda: now[0])
+    session = begin()
+    finish(session, screen)
+    session._pace.measure(60.0)
+    session.drag("left", 0.1, 0.0)
+    session.draw(screen.framebuffer)
+    moving = screen.pixels()
+    assert session.busy
+    now[0] = 10.0
+    whole = finish(session, screen)
+    other = begin()
+    other.drag("left", 0.1, 0.0)
+    now[0] = 20.0
+    np.testing.assert_array_equal(whole, finish(other, screen))
+    assert np.abs(moving - whole).max() > 20  # edges are not where they were drawn
+    assert np.abs(moving.mean((0, 1)) - whole.mean((0, 1))).max() < 10  # but it is the same picture
 
 
 def test_a_picture_is_saved_as_png_and_exr_under_a_free_name(begin, screen, tmp_path, capsys):

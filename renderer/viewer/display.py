@@ -61,6 +61,7 @@ class Display:
         stage: Stage,
         look: Look,
         photograph: Photograph | None = None,
+        coarseness: int = 1,
     ) -> None:
         """Add a sample to the picture and show it.
 
@@ -69,13 +70,17 @@ class Display:
             size: its width and height in pixels.
             stage, look: what, and how.
             photograph: for the look's comparison, whose camera is then the photograph's; without one there is none.
+            coarseness: pixels of the framebuffer along each side of a pixel drawn.
         """
         comparison = "off" if photograph is None else look.comparison
         photograph = None if comparison == "off" else photograph
         camera = look.eye.camera(*size) if photograph is None else photograph.camera
         places = areas(comparison, *size, camera)
         sky = look.sky and not (photograph is not None and photograph.cut_out)
-        self._refinement.add(stage, camera, (places[-1].width, places[-1].height), sky, look.rotation)
+        drawn = -(-places[-1].width // coarseness), -(-places[-1].height // coarseness)
+        self._refinement.add(stage, camera, drawn, sky, look.rotation)
+        between = moderngl.NEAREST if coarseness == 1 else moderngl.LINEAR
+        self._refinement.texture.filter = between, between
         framebuffer.use()
         framebuffer.viewport = (0, 0, *size)
         framebuffer.clear(_AROUND, _AROUND, _AROUND, 1.0)

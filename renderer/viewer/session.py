@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
@@ -23,6 +24,7 @@ from renderer.viewer.drawing import Stage
 from renderer.viewer.eye import Eye
 from renderer.viewer.help import help_text
 from renderer.viewer.look import Look
+from renderer.viewer.pace import Pace
 from renderer.viewer.turntable import FRAMES, free_name, turntable
 from renderer.viewer.watch import Watch
 
@@ -72,6 +74,7 @@ class Session:
         self._watch = Watch(model.files)
         self._film: Iterator[int] | None = None
         self._changed = True
+        self._pace = Pace()
         bookmarks = Bookmarks(bookmarks_file(model.files[0]))
         cameras = subject.photographs.cameras if subject.photographs else ()
         self.controls = Controls(subject.look, self._stage.bounds, bookmarks, cameras)
@@ -87,7 +90,8 @@ class Session:
     @property
     def busy(self) -> bool:
         """Whether there is something to draw or to do without waiting for the user."""
-        return self._changed or not self._display.finished or self._film is not None
+        moving = self._pace.moving(time.perf_counter())
+        return self._changed or moving or not self._display.finished or self._film is not None
 
     def press(self, key: str, shift: bool = False) -> None:
         """A key went down; see `Controls.press`."""
@@ -103,18 +107,18 @@ class Session:
         self.controls.message = ""
         self.controls.drag(button, right, down, shift, self._aspect)
         self._tell(self.controls.message)
-        self._changed = True
+        self._moved()
 
     def scroll(self, notches: float) -> None:
         """The wheel turned; see `Controls.scroll`."""
         self.controls.scroll(notches)
-        self._changed = True
+        self._moved()
 
     def walk(self, held: set[str], seconds: float) -> None:
         """Time passed with keys held; see `Controls.pass_time`."""
         if self.controls.walks(held):
             self.controls.pass_time(held, seconds)
-            self._changed = True
+            self._moved()
 
     def refresh(self) -> None:
         """The window wants to be drawn anew."""
@@ -138,16 +142,25 @@ class Session:
 
     def draw(self, framebuffer: moderngl.Framebuffer) -> None:
         """Draw one more sample of the picture, and show it."""
-        self._changed = False
+        begun = time.perf_counter()
+        coarseness = self._pace.coarseness(begun)
+        self._changed = coarseness > 1  # not what is to stay
         with self._told():
             photograph = self._photograph()
-            self._display.draw(framebuffer, self.size, self._stage, self.controls.look, photograph)
+            self._display.draw(framebuffer, self.size, self._stage, self.controls.look, photograph, coarseness)
+        if coarseness == 1:
+            self._context.finish()
+            self._pace.measure(time.perf_counter() - begun)
 
     def release(self) -> None:
         """Give the memory back."""
         self._stop_film()
         self._stage.release()
         self._display.release()
+
+    def _moved(self) -> None:
+        self._pace.move(time.perf_counter())
+        self._changed = True
 
     @property
     def _aspect(self) -> float:
