@@ -263,6 +263,23 @@ def test_a_photograph_that_cannot_be_read_ends_the_comparison(begin, screen, tmp
     assert np.ptp(picture) > 50
 
 
+def test_a_swipe_leaves_the_render_as_fine_as_it_is(begin, screen, tmp_path):
+    from test_compare import write_scene
+
+    session = begin(Photographs(write_scene(tmp_path)))
+    session._pace.measure(60.0)
+    for _ in range(2):
+        session.press("c")
+    assert session.controls.look.comparison == "swipe"
+    finish(session, screen)
+    session._pace.measure(60.0)
+    for share in (-1.0, 0.2, 0.2):  # by heights of a window that is 1.5 as wide
+        session.drag("left", share, 0.0)
+        session.draw(screen.framebuffer)
+        assert not session.busy
+    assert session.controls.look.edge == pytest.approx(0.4 / 1.5)
+
+
 def test_help_is_printed(begin, capsys):
     session = begin()
     session.press("?")

@@ -105,9 +105,12 @@ class Session:
     def drag(self, button: str, right: float, down: float, shift: bool = False) -> None:
         """The mouse moved; see `Controls.drag`."""
         self.controls.message = ""
+        edge = self.controls.look.edge
         self.controls.drag(button, right, down, shift, self._aspect)
         self._tell(self.controls.message)
-        self._moved()
+        if self.controls.look.edge == edge:  # a swipe moves nothing in the render, which stays as fine as it is
+            self._moved()
+        self._changed = True
 
     def scroll(self, notches: float) -> None:
         """The wheel turned; see `Controls.scroll`."""
