@@ -14,6 +14,7 @@ from torch import Tensor
 from renderer.model import Appearance, Maps
 from renderer.surroundings import Surroundings
 from renderer.textures import Texture
+from renderer.viewer.targets import require_fitting
 
 _PARAMETERS = ("n", "k", "color", "reflectance", "roughness")
 
@@ -27,8 +28,13 @@ def cubemap_texture(context: moderngl.Context, faces: Float[Tensor, "6 n n c"]) 
 
 
 def texture_2d(context: moderngl.Context, texture: Texture) -> moderngl.Texture:
-    """A texture in float32, looked up bilinearly and repeated; OpenGL's first row is the lowest."""
+    """A texture in float32, looked up bilinearly and repeated; OpenGL's first row is the lowest.
+
+    Raises:
+        InputError: it is larger than the graphics card allows.
+    """
     height, width, channels = texture.texels.shape
+    require_fitting(context, "texture", (width, height))
     texels = texture.texels.flip(0).float().contiguous().numpy().tobytes()
     uploaded = context.texture((width, height), channels, texels, dtype="f4")
     uploaded.filter = (moderngl.LINEAR, moderngl.LINEAR)
