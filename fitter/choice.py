@@ -45,13 +45,22 @@ def fit_type(problem: Problem, kind: MaterialType | None) -> Choice:
         return Choice(fit_material(problem, kind), {kind: 0.0})
     drafts: dict[MaterialType, Fit] = {each: draft(problem, each) for each in KINDS}
     rough = _criteria(problem, drafts)
-    within = 3 * len(problem.observed.radiance) * math.log(HOPELESS)
-    fits: dict[MaterialType, Fit] = {
-        each: refined(problem, fit) for each, fit in drafts.items() if rough[each] <= within
-    }
+    hopeful: list[MaterialType] = [each for each in KINDS if _is_hopeful(problem, each, rough)]
+    fits: dict[MaterialType, Fit] = {each: refined(problem, drafts[each]) for each in hopeful}
     criteria = _criteria(problem, fits)
     best = min(criteria, key=criteria.__getitem__)
     return Choice(fits[best], {**rough, **criteria})
+
+
+def _is_hopeful(problem: Problem, kind: MaterialType, rough: Mapping[MaterialType, float]) -> bool:
+    """Whether a draft may win once it is refined.
+
+    Where the matte one is best, none other may: it is a glossy one that mirrors nothing, and if mirroring gained
+    nothing by a coarse table, it gains nothing by a fine one.
+    """
+    if rough["matte"] == 0:
+        return kind == "matte"
+    return rough[kind] <= 3 * len(problem.observed.radiance) * math.log(HOPELESS)
 
 
 def _criteria(problem: Problem, fits: Mapping[MaterialType, Fit]) -> dict[MaterialType, float]:

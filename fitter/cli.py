@@ -342,7 +342,7 @@ def _fit(
             import fitter.bridge  # noqa: F401 — its imports are start-up, not solving
         command = shlex.join(["fit-material", *sys.argv[1:]])
         chosen = preset(fidelity, lobe)  # type: ignore[arg-type] — a value of LobeName
-        options = FitOptions(chosen, kind, solver, seed, device, command)
+        options = FitOptions(chosen, solver, seed, device, command, kind)
         result = fit_scene(scene, out, options, progress, begun)
     _print_result(result, out)
     return DONE if result.status == "converged" else NO_MATERIAL

@@ -49,19 +49,19 @@ class FitOptions:
 
     Attributes:
         fidelity: a preset, or one's own.
-        type: of the materials that the scene file leaves open: "metal", "glossy", "matte", or "auto".
         solver: "lm", "adam" or "lbfgs".
         seed: of the choice of pixels and of the integration.
         device: where light tables are integrated, in torch's words.
         command: the command line, for the report.
+        type: of the materials that the scene file leaves open: "metal", "glossy", "matte", or "auto".
     """
 
     fidelity: Fidelity = PRESETS["standard"]
-    type: str = "auto"
     solver: str = "lm"
     seed: int = 0
     device: str = "cpu"
     command: str = ""
+    type: str = "auto"
 
 
 @dataclass(frozen=True)

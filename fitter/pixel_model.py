@@ -19,6 +19,8 @@ from shaders import fresnel, lobe, plastic
 from shaders.materials import Glossy, Material, Matte, Metal
 from shaders.shade import DirectionalLight, Illumination, Points, shade
 
+DIFFUSE_DEGREE = 11  # polynomials in √cos: one more than `irradiance.DEGREE`, so that (1 - cos)⁵ is among them
+
 Reflectance = Callable[[Float[Tensor, "*p 1"]], Float[Tensor, "*p c"]]
 """A factor on light by a cosine, for one or three channels."""
 
@@ -65,6 +67,11 @@ class Body:
         return (self.light * inwards).sum(1) * (self.view @ outwards)
 
 
+def _interpolated(factor: Reflectance, cosines: Float[Tensor, "p k"]) -> Float[Tensor, "p k c"]:
+    """A factor that takes long to compute, from its values at a few cosines."""
+    return irradiance.cosine_basis(cosines, DIFFUSE_DEGREE) @ irradiance.coefficients(factor, cosines, DIFFUSE_DEGREE)
+
+
 @dataclass(frozen=True)
 class DirectLight:
     """One directional light on the rays inside each pixel: cosines [p, k], and its irradiance.
@@ -99,8 +106,8 @@ class DirectLight:
 
     def scattered(self, towards_view: Reflectance, towards_light: Reflectance) -> Float[Tensor, "p 3"]:
         """E · cos/π of a white body, by a factor of n·l on the way in and one of n·v on the way out."""
-        cos_v, cos_l = self.cos_v[..., None], self.cos_l[..., None]
-        return self.irradiance / math.pi * (towards_light(cos_l) * towards_view(cos_v) * cos_l).mean(1)
+        passed = _interpolated(towards_light, self.cos_l) * _interpolated(towards_view, self.cos_v)
+        return self.irradiance / math.pi * (passed * self.cos_l[..., None]).mean(1)
 
 
 @dataclass(frozen=True)

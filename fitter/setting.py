@@ -11,8 +11,9 @@ from jaxtyping import Float
 from torch import Tensor
 
 from fitter.fidelity import Fidelity
-from fitter.pixel_model import PixelModel, central, exact_pixels, viewer_pixels
-from renderer import transport
+from fitter.pixel_model import DIFFUSE_DEGREE, PixelModel, central, exact_pixels, viewer_pixels
+from renderer import cubemap, transport
+from renderer.cubemap import Cubemap
 from renderer.environment import Environment
 from renderer.gbuffer import GBuffer
 from renderer.irradiance import diffuse_table
@@ -21,7 +22,7 @@ from renderer.transport import LightTable
 from shaders.materials import Material
 from shaders.shade import DirectionalLight
 
-DIFFUSE_DEGREE = 11  # polynomials in √cos: one more than `irradiance.DEGREE`, so that (1 - cos)⁵ is among them
+DIFFUSE_FACE_SIZE = 24  # texels of 3.75°: a cosine is interpolated to 5e-4
 
 
 @dataclass(frozen=True)
@@ -88,4 +89,13 @@ class Setting:
 
     def _diffuse(self, surface: GBuffer) -> Float[Tensor, "p b 3"]:
         normal = torch.nn.functional.normalize(surface.normal.mean(1), dim=-1)
-        return diffuse_table(normal, self._near, DIFFUSE_DEGREE)
+        if len(normal) <= 2 * 6 * DIFFUSE_FACE_SIZE**2:
+            return diffuse_table(normal, self._near, DIFFUSE_DEGREE)
+        return cubemap.lookup(self._diffuse_by_normal, normal).reshape(len(normal), DIFFUSE_DEGREE, 3)
+
+    @cached_property
+    def _diffuse_by_normal(self) -> Cubemap:
+        """The table of every normal, for whole pictures: between its texels it is smooth."""
+        normals = cubemap.face_directions(DIFFUSE_FACE_SIZE).flatten(0, 2)
+        table = diffuse_table(normals, self._near, DIFFUSE_DEGREE)
+        return Cubemap(table.reshape(6, DIFFUSE_FACE_SIZE, DIFFUSE_FACE_SIZE, -1))

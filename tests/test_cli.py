@@ -236,7 +236,8 @@ def test_undetermined_is_exit_code_one(tmp_path):
     write_exr(tmp_path / "grey.exr", np.ones((8, 16, 3), np.float32))
     iron = metal("Fe")
     options = SynthOptions(TrueMetal(iron.n, iron.k, 0.2), size=24, spp=64, views=1, env=str(tmp_path / "grey.exr"))
-    ended = run("fit", synthesise(options, tmp_path / "scene"), "-o", tmp_path / "out", "--fidelity", "preview")
+    scene = synthesise(options, tmp_path / "scene")
+    ended = run("fit", scene, "-o", tmp_path / "out", "--fidelity", "preview", "--type", "metal")
     assert (ended.returncode, ended.stderr) == (1, "")
     assert strictly_parsed(tmp_path / "out" / "result.json")["status"] != "converged"
 
@@ -326,8 +327,7 @@ def test_ctrl_c_at_the_start_is_as_quiet(photographs, tmp_path):
         (["fit", "a.toml", "-o", "x", "--seed", "-1"], "invalid value for '--seed'"),
         (["fit", "a.toml", "-o", "x", "--seed", str(2**31)], "invalid value for '--seed'"),
         (["fit", "a.toml", "-o", ""], '-o: is "", expected a folder that can be written'),
-        (["fit", "a.toml", "-o", "x", "--type", "glossy"], "--type: is glossy, expected auto or metal"),
-        (["fit", "a.toml", "-o", "x", "--type", "matte"], "--type: is matte, expected auto or metal"),
+        (["fit", "a.toml", "-o", "x", "--type", "wooden"], "'wooden' is not one of 'auto', 'metal'"),
         (["synth", "-o", "x"], "synth: is without a material, expected --metal NAME, --n and --k, or --color"),
         (["synth", "--metal", "Unobtainium", "-o", "x"], "Unobtainium"),
         (["synth", "--metal", "Au", "--alpha", "3", "-o", "x"], "--alpha: is 3.0, expected"),
@@ -408,17 +408,15 @@ def test_unknown_keys_are_told_with_the_nearest_right_one(refused, scene, old, n
     assert f"expected a known key, the nearest is {nearest}" in refused("fit", scene, "-o", scene.parent / "out")
 
 
-@pytest.mark.parametrize("kind", ["glossy", "matte"])
-def test_other_types_are_refused_and_not_guessed(refused, scene, kind):
-    scene.write_text(scene.read_text() + f'\n[[materials]]\nname = "default"\ntype = "{kind}"\n')
+def test_a_sphere_has_one_material(refused, scene):
+    scene.write_text(scene.read_text() + '\n[[materials]]\nname = "a"\n[[materials]]\nname = "b"\n')
     told = refused("fit", scene, "-o", scene.parent / "out")
-    assert f"materials[0].type: is {kind}, expected metal or auto: only metals are fitted so far" in told
+    assert told.endswith("materials: is 2 tables, expected one: a sphere has one material")
 
 
-def test_lights_are_refused_and_not_ignored(refused, scene):
-    light = '\n[[lights]]\ntype = "directional"\ndirection = [0, 1, 0]\nirradiance = [1, 1, 1]\n'
-    scene.write_text(scene.read_text() + light)
-    assert "lights: is a list, expected no directional lights" in refused("fit", scene, "-o", scene.parent / "out")
+def test_a_material_is_named_once(refused, scene):
+    scene.write_text(scene.read_text() + '\n[[materials]]\nname = "a"\n' * 2)
+    assert refused("fit", scene, "-o", scene.parent / "out").endswith("materials: is a, expected each name once")
 
 
 def test_a_missing_scene(refused, tmp_path):
@@ -514,7 +512,7 @@ def test_our_own_mistakes_are_one_line_too(capfd, monkeypatch, scene):
     def broken(*_):
         raise ZeroDivisionError("in two\nlines")
 
-    monkeypatch.setattr("fitter.pipeline.read_scene", broken)
+    monkeypatch.setattr("fitter.loading.read_scene", broken)
     monkeypatch.delenv("FIT_MATERIAL_DEBUG", raising=False)
     monkeypatch.setattr(sys, "argv", ["fit-material", "fit", str(scene), "-o", str(scene.parent / "out")])
     with pytest.raises(SystemExit) as ended:

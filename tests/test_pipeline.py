@@ -30,7 +30,7 @@ def photograph(folder: Path, name: str, alpha: float, distribution="ggx", mesh: 
 
 
 def fitted(scene: Path, out: Path, solver="lm", lobe="ggx", seed=0) -> Result:
-    return fit_scene(scene, out, FitOptions(replace(FIDELITY, lobe=lobe), solver, seed))
+    return fit_scene(scene, out, FitOptions(replace(FIDELITY, lobe=lobe), solver, seed, type="metal"))
 
 
 def truth_of(scene: Path) -> dict:

@@ -13,6 +13,7 @@ from fitter.catalogue import metal
 from fitter.curves import Curve, reflectance_curve
 from fitter.parameters import Interval, MetalCoordinates
 from fitter.pictures import LONGEST_SIDE, comparison_png, tiles
+from fitter.pixel_model import exact_reflectance, viewer_reflectance
 from fitter.report import ViewPictures, render_report
 from fitter.result import FittedMaterial, Nearest, Quality
 from fitter.uncertainty import Spread
@@ -163,13 +164,14 @@ def some_covariance(size, scale) -> torch.Tensor:
 def test_band_holds_what_the_covariance_allows(name, form):
     """Where errors are small, the band of first order is that of draws of the free vector itself."""
     reflectance = getattr(fresnel, form)
+    of_material = {"conductor": exact_reflectance, "lazanyi": viewer_reflectance}[form]
     x = COORDINATES.free(metal_of(name))
     covariance = some_covariance(len(x), scale=0.01)
-    curve = reflectance_curve(reflectance, COORDINATES, x, Spread(covariance))
+    curve = reflectance_curve(of_material, COORDINATES, x, Spread(covariance))
     count = 20000
     draws = torch.distributions.MultivariateNormal(x, covariance, validate_args=False)
     torch.manual_seed(0)
-    n, k = torch.vmap(lambda free: (COORDINATES.metal(free).n, COORDINATES.metal(free).k))(draws.sample((count,)))
+    n, k = torch.vmap(lambda free: (COORDINATES.material(free).n, COORDINATES.material(free).k))(draws.sample((count,)))
     for degrees in (0, 30, 60, 80, 88):
         cos_d = torch.cos(torch.deg2rad(torch.tensor(degrees, dtype=torch.float64)))
         drawn = reflectance(cos_d, n, k)
@@ -181,7 +183,7 @@ def test_band_holds_what_the_covariance_allows(name, form):
 
 def test_band_stays_a_reflectance_where_nothing_is_determined():
     x = COORDINATES.free(metal_of("Ag"))
-    curve = reflectance_curve(fresnel.conductor, COORDINATES, x, Spread(some_covariance(len(x), 1e3)))
+    curve = reflectance_curve(exact_reflectance, COORDINATES, x, Spread(some_covariance(len(x), 1e3)))
     assert (curve.low >= 0).all()
     assert (curve.high <= 1).all()
     assert (curve.low <= curve.value).all()
@@ -191,7 +193,7 @@ def test_band_stays_a_reflectance_where_nothing_is_determined():
 @pytest.mark.parametrize("name", ["Au", "Al", "Fe"])
 def test_curve_is_the_metals_own(name):
     x = COORDINATES.free(metal_of(name))
-    curve = reflectance_curve(fresnel.conductor, COORDINATES, x, Spread(torch.zeros(len(x), len(x)).double()))
+    curve = reflectance_curve(exact_reflectance, COORDINATES, x, Spread(torch.zeros(len(x), len(x)).double()))
     n, k = (np.array(getattr(metal(name), key)) for key in ("n", "k"))
     np.testing.assert_allclose(curve.value[0], ((n - 1) ** 2 + k**2) / ((n + 1) ** 2 + k**2), rtol=1e-9)
     np.testing.assert_allclose(curve.value[90], 1, atol=1e-9)

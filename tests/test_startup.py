@@ -66,7 +66,7 @@ def test_help_names_every_command():
     [
         (("synth", "--metal", "Unobtainium", "-o", "x"), "Unobtainium"),
         (("synth", "-o", "x"), "expected --metal NAME, --n and --k, or --color"),
-        (("fit", "scene.toml", "-o", "x", "--type", "glossy"), "--type: is glossy, expected auto or metal"),
+        (("fit", "scene.toml", "-o", "x", "--type", "wooden"), "'wooden' is not one of 'auto', 'metal'"),
     ],
 )
 def test_slips_are_answered_at_once(arguments, sentence, tmp_path, monkeypatch):
