@@ -6,9 +6,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import torch
 from jaxtyping import Bool, Float
 
 from fitter.result import PhotographQuality, PictureQuality, Quality
+from shaders.tone_mapping import srgb
 
 SSIM_WINDOW = 7  # pixels; skimage's default, Wang 2004's with equal weights
 
@@ -84,12 +86,9 @@ def white_point(radiance: Float[np.ndarray, "*p 3"], percentile: float = 99.9) -
 
 
 def tone_mapped(radiance: Float[np.ndarray, "*p 3"], white: float) -> Float[np.ndarray, "*p 3"]:
-    """Linear radiance as a display shows it: x = radiance/white clipped to [0, 1], then the sRGB curve.
-
-    12.92 x below 0.0031308, 1.055 x^(1/2.4) - 0.055 above        [IEC 61966-2-1]
-    """
+    """Linear radiance as a display shows it: x = radiance/white clipped to [0, 1], then the sRGB curve."""
     x = np.clip(radiance / white, 0, 1)
-    return np.where(x <= 0.0031308, 12.92 * x, 1.055 * x ** (1 / 2.4) - 0.055)
+    return srgb(torch.from_numpy(x)).numpy()
 
 
 def _box(picture: np.ndarray, mask: Bool[np.ndarray, "h w"]) -> np.ndarray:
