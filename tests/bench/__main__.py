@@ -5,13 +5,14 @@ from __future__ import annotations
 import sys
 from functools import partial
 
-from tests.bench import agreement, recovery
+from tests.bench import agreement, recovery, types
 from tests.bench.photographs import SHAPES
 from tests.bench.setting import SHARED, header, mitsuba_variant
 
 PARTS = {
     "agreement": ("Agreement with Mitsuba", agreement.rows),
     "recovery": ("Recovery and cost of the fit command", recovery.command_rows),
+    "types": ("Recovery and choice of the type", types.rows),
     "real": ("Recovery under real environments", recovery.real_rows),
     **{
         f"real-{shape}": (f"Recovery under real environments: {shape}", partial(recovery.real_rows, shapes=(shape,)))

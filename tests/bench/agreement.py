@@ -9,15 +9,13 @@ import torch
 
 from fitter.catalogue import metal
 from fitter.fidelity import preset
-from fitter.residuals import PixelModel
-from fitter.search import light_table
+from fitter.setting import Setting
 from renderer import gbuffer
 from renderer.environment import read_environment
 from renderer.mesh import Sphere
 from renderer.path_tracer import render
 from renderer.to_mitsuba import conductor
 from renderer.views import views
-from shaders import fresnel
 from shaders.materials import Metal
 from tests.bench.setting import SHARED
 
@@ -50,12 +48,11 @@ def _row(environment_name: str, lobe: str, alpha: float, variant: str) -> str:
 
     row, column = torch.from_numpy(covered).nonzero().T
     surface = gbuffer.pixel_footprints(gbuffer.tracer(Sphere()), camera, column, row, 4)
-    fidelity = preset("standard", lobe)  # type: ignore[arg-type]
-    table = light_table(surface, environment, fidelity, (alpha * 0.999, alpha * 1.001, 1), SAMPLES, seed=0)
+    setting = Setting(environment, (), preset("standard", lobe))  # type: ignore[arg-type]
+    table = setting.table(surface, (alpha * 0.999, alpha * 1.001, 1), SAMPLES)
+    pixels = setting.pixels(surface, body=False)
     truth = Metal(*(torch.tensor(v, dtype=torch.float64) for v in (gold.n, gold.k, alpha)))
-    whole, a, b = (
-        PixelModel.of(each, fresnel.conductor).radiance(truth).numpy() for each in (table, table.half(0), table.half(1))
-    )
+    whole, a, b = (pixels.under(each).radiance(truth).numpy() for each in (table, table.half(0), table.half(1)))
     our_error = np.abs(a - b) / 2
 
     difference = whole - theirs

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import json
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
@@ -21,6 +22,23 @@ SHAPES = {
 }
 
 
+def map_of(environment: str) -> str:
+    """The path of one of the shared maps."""
+    return str(SHARED / "env" / f"{environment}_1k.hdr")
+
+
+def photographed(options: SynthOptions, label: str) -> Path:
+    """The scene file of Mitsuba's photographs; renders them where they are not kept from an earlier run."""
+    key = hashlib.sha256(repr(sorted(asdict(options).items(), key=str)).encode()).hexdigest()[:16]
+    scene = CACHE / f"{label}-{key}" / "scene.toml"
+    return scene if scene.exists() else synthesise(options, scene.parent)
+
+
+def truth_of(scene: Path) -> dict:
+    """The material of photographs that were made here."""
+    return json.loads(scene.with_name("truth.json").read_text(encoding="utf-8"))["materials"][0]
+
+
 @dataclass(frozen=True)
 class Case:
     """One metal object in one light: three views of 128² pixels, 512 samples each."""
@@ -32,11 +50,7 @@ class Case:
 
     def scene(self, variant: str) -> Path:
         """The scene file; renders the photographs where they are not kept from an earlier run."""
-        options = self.options(variant)
-        key = hashlib.sha256(repr(sorted(asdict(options).items(), key=str)).encode()).hexdigest()[:16]
-        folder = CACHE / f"{self.shape}-{self.metal}-{self.alpha:g}-{self.environment}-{key}"
-        scene = folder / "scene.toml"
-        return scene if scene.exists() else synthesise(options, folder, lambda what, share: None)
+        return photographed(self.options(variant), f"{self.shape}-{self.metal}-{self.alpha:g}-{self.environment}")
 
     def options(self, variant: str) -> SynthOptions:
         """What `synth` is asked for."""
@@ -44,7 +58,7 @@ class Case:
         return SynthOptions(
             TrueMetal(known.n, known.k, self.alpha, metal=known.name, source=known.source),
             mesh=SHAPES[self.shape],
-            env=str(SHARED / "env" / f"{self.environment}_1k.hdr"),
+            env=map_of(self.environment),
             size=128,
             spp=512,
             variant=variant,

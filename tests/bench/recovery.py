@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 import subprocess
 import sys
@@ -14,7 +13,7 @@ from pathlib import Path
 
 from fitter.pipeline import FitOptions, fit_scene
 from fitter.result import Result, read_result
-from tests.bench.photographs import ALPHAS, ENVIRONMENTS, METALS, SHAPES, Case
+from tests.bench.photographs import ALPHAS, ENVIRONMENTS, METALS, SHAPES, Case, truth_of
 from tests.bench.setting import spread
 
 
@@ -78,7 +77,7 @@ def _by_command(case: Case, variant: str) -> Outcome:
         seconds = time.perf_counter() - begun
         process.returncode = os.waitstatus_to_exitcode(status)
         result = read_result(Path(folder) / "result.json")
-    return Outcome(case, result, _truth(scene), seconds, usage.ru_maxrss * 1024)
+    return Outcome(case, result, truth_of(scene), seconds, usage.ru_maxrss * 1024)
 
 
 def _here(case: Case, variant: str) -> Outcome:
@@ -86,11 +85,7 @@ def _here(case: Case, variant: str) -> Outcome:
     with tempfile.TemporaryDirectory() as folder:
         begun = time.perf_counter()
         result = fit_scene(scene, Path(folder), FitOptions())
-    return Outcome(case, result, _truth(scene), time.perf_counter() - begun)
-
-
-def _truth(scene: Path) -> dict:
-    return json.loads(scene.with_name("truth.json").read_text())["materials"][0]
+    return Outcome(case, result, truth_of(scene), time.perf_counter() - begun)
 
 
 def _table(outcomes: Sequence[Outcome]) -> Iterator[str]:
