@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import functools
 import math
 from dataclasses import dataclass, replace
 
@@ -15,10 +14,10 @@ from fitter.fidelity import BLUR_RANGE
 from fitter.pixel_model import central
 from fitter.quality import tone_mapped, white_point
 from fitter.selection import Observations
-from renderer import cubemap
+from renderer.shading import far_light
 from renderer.surroundings import Surroundings
 from shaders.materials import Glossy, Metal
-from shaders.shade import Light, Points, shade
+from shaders.shade import Points, shade
 
 PIXELS = 2000
 PARTS = 8
@@ -51,7 +50,7 @@ def viewer_roughness(observed: Observations, light: Surroundings, material: Meta
     seen = observed.radiance[::every].numpy()
     white = white_point(seen)
     points = Points(surface.normal, surface.view)
-    of_environment = Light(functools.partial(cubemap.lookup, light.cubemap), light.ambient, sources=light.sources)
+    of_environment = far_light(light)
 
     def residual(rho: float) -> Float[np.ndarray, "p 3"]:
         picture = shade(replace(material, roughness=torch.tensor(rho, dtype=torch.float64)), points, of_environment)

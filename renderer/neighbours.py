@@ -12,10 +12,11 @@ from torch import Tensor
 
 from renderer import cubemap
 from renderer.cubemap import Cubemap
-from renderer.gbuffer import GBuffer, tracer
+from renderer.gbuffer import GBuffer, Tracer, tracer
 from renderer.mesh import Mesh
 
 NEVER_SKY = 1 - 2.0**-24  # the greatest depth of a surface: the largest float32 below 1
+MOST_SHELLS = 64  # inner sides, one behind the other, that a ray is followed through
 Shader = Callable[[GBuffer], Float[Tensor, "*p 3"]]
 
 
@@ -39,7 +40,8 @@ def capture(
 
     Rays go from the object's viewpoint through the centres of texels; a texel of the sky holds the environment's
     cubemap as it is looked up there. The fourth channel is d = 1 - near/D in [0, 1), D the distance from the centre
-    to the surface; 1 for the sky.
+    to the surface; 1 for the sky. Surfaces seen from inside are looked through: the centre of a shell's bounding box
+    often lies within the thing that it holds, whose inner side nobody would see.
 
     Args:
         mesh: of several objects; of one, there is nothing to see.
@@ -75,12 +77,24 @@ def _captured(mesh: Mesh, itself: Bool[np.ndarray, " f"], environment: Cubemap, 
     point = viewpoint(mesh.vertices[np.unique(mesh.faces[itself])])
     directions = cubemap.face_directions(size)
     rays = directions.reshape(-1, 3)
-    surface = tracer(_only(mesh, ~itself))(point.centre.expand_as(rays), rays)
+    surface = _outer_sides(tracer(_only(mesh, ~itself)), point, rays)
     sky = torch.cat([cubemap.lookup(environment, rays), torch.ones(len(rays), 1)], 1)
     met = surface.hit.nonzero()[:, 0]
     near = surface[met]
     things = torch.cat([shade(near), depth(point, near.position)[:, None]], 1).to(sky)
     return Cubemap(sky.index_put((met,), things).reshape(*directions.shape[:-1], 4))
+
+
+def _outer_sides(trace: Tracer, point: Viewpoint, rays: Float[Tensor, "p 3"]) -> GBuffer:
+    """The first outer side that each ray from the viewpoint meets; inner sides are looked through."""
+    origins = point.centre.expand_as(rays).clone()
+    for _ in range(MOST_SHELLS):
+        surface = trace(origins, rays)
+        inner = surface.hit & ((surface.geometric_normal * surface.view).sum(-1) <= 0)
+        if not inner.any():
+            break
+        origins[inner] = surface.position[inner] + 1e-4 * point.near * rays[inner]
+    return surface
 
 
 def _only(mesh: Mesh, kept: Bool[np.ndarray, " f"]) -> Mesh:

@@ -10,12 +10,14 @@ import torch
 import trimesh
 
 from renderer import cubemap
+from renderer.camera import Camera, look_at
 from renderer.cubemap import Cubemap
 from renderer.mesh import Mesh
-from renderer.model import Appearance
+from renderer.model import Appearance, Model
 from renderer.neighbours import NEVER_SKY, capture, depth, viewpoint
-from renderer.shading import far_light, illuminations, near_light, reflective_parts
+from renderer.shading import far_light, illuminations, near_light, reflective_parts, render
 from renderer.surroundings import Surroundings
+from renderer.viewer import offscreen
 from shaders import diffuse, fresnel
 from shaders.materials import Glossy, Matte, Metal
 from shaders.shade import Light
@@ -196,3 +198,30 @@ def test_a_black_ball_in_a_white_room_is_sharper_the_nearer_it_is():
         assert least < spilled[-1] < greatest
     assert 2 * spilled[0] < spilled[1] < 0.8 * spilled[2]
     assert far_light(sky).depth is None
+
+
+def russian_dolls() -> Mesh:
+    """A ball that holds two others around its centre, and one beside it."""
+    return scene(ball([0, 0, 0], 1.0), ball([0, 0, 0], 0.5), ball([0.1, 0, 0], 0.7), ball([0, 3, 0], 1.0))
+
+
+def test_what_surrounds_the_viewpoint_is_looked_through():
+    sky = gradient_sky()
+    found = capture(russian_dolls(), [0], sky.cubemap, black, SIZE)[0]
+    alone = capture(scene(ball([0, 0, 0], 1.0), ball([0, 3, 0], 1.0)), [0], sky.cubemap, black, SIZE)[0]
+    assert found is not None
+    assert alone is not None
+    torch.testing.assert_close(found.faces, alone.faces)
+
+
+def test_the_viewer_looks_through_the_same(gl):
+    """Within 1e-3 at 99 % of the pixels: the rays of the small picture graze facets, and its mirror is sharp."""
+    model = Model(russian_dolls(), (GOLD, MATTE, GLOSSY, MATTE))
+    camera = Camera(look_at(*(torch.tensor(v) for v in ((0.0, 1.0, 9.0), (0.0, 1.0, 0.0), (0.0, 1.0, 0.0)))), 128, 128)
+    drawn = torch.from_numpy(offscreen.render(model, camera, gradient_sky(), sky=False, antialias=1))
+    expected = render(model, camera, gradient_sky())
+    both = (drawn[..., 3] == 1) & (expected[..., 3] == 1)
+    difference = ((drawn - expected).abs() / expected.clamp_min(0.01))[both][:, :3].amax(1)
+    assert difference.quantile(0.99) < 1e-3
+    inner = render(model, camera, gradient_sky(), neighbours=False)
+    assert (inner - expected).abs()[both].max() > 0.1  # the ball above shows in the one below

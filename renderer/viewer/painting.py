@@ -72,6 +72,8 @@ class Painter:
         if wanted.sky:
             self._paint_sky(wanted)
         self._context.enable_only(moderngl.DEPTH_TEST)
+        if wanted.near is not None:  # a capture looks through inner sides, as renderer/neighbours.py does
+            self._context.enable(moderngl.CULL_FACE)
         self._paint_depth(framebuffer, groups, wanted)
         self._context.depth_func = "<="
         for group in groups:
