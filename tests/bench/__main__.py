@@ -1,11 +1,12 @@
-"""`python -m tests.bench [agreement] [recovery] [real] [real-SHAPE]`: prints Markdown; without names the first two."""
+"""`python -m tests.bench [PART …]`: prints Markdown; without names the parts in `USUAL`. An unknown name lists all."""
 
 from __future__ import annotations
 
+import os
 import sys
 from functools import partial
 
-from tests.bench import agreement, recovery, types
+from tests.bench import agreement, frame, loop, parity, recovery, types
 from tests.bench.photographs import SHAPES
 from tests.bench.setting import SHARED, header, mitsuba_variant
 
@@ -13,20 +14,27 @@ PARTS = {
     "agreement": ("Agreement with Mitsuba", agreement.rows),
     "recovery": ("Recovery and cost of the fit command", recovery.command_rows),
     "types": ("Recovery and choice of the type", types.rows),
+    "types-4096": ("Recovery and choice of the type, less noise", partial(types.rows, spp=4096)),
+    "loop": ("From photographs to the viewer's picture", loop.rows),
+    "parity": ("GLSL against torch", parity.rows),
+    "frame": ("Time of a picture", frame.rows),
     "real": ("Recovery under real environments", recovery.real_rows),
     **{
         f"real-{shape}": (f"Recovery under real environments: {shape}", partial(recovery.real_rows, shapes=(shape,)))
         for shape in SHAPES
     },
 }
+USUAL = ("agreement", "recovery", "types", "loop", "parity", "frame")
 
 
 def main() -> None:
     """Run the parts that are named."""
-    names = sys.argv[1:] or ["agreement", "recovery"]
+    names = sys.argv[1:] or USUAL
     unknown = set(names) - set(PARTS)
     if unknown or not SHARED.is_dir():
-        sys.exit(f"bench: unknown {', '.join(sorted(unknown))}" if unknown else f"bench: needs {SHARED}")
+        listed = f"unknown {', '.join(sorted(unknown))}; there are {', '.join(PARTS)}"
+        sys.exit(f"bench: {listed}" if unknown else f"bench: needs {SHARED}")
+    os.environ.setdefault(frame.THREADS, "1")  # llvmpipe reads it once, when the first part makes a context
     variant = mitsuba_variant()
     print(header(), flush=True)
     for name in names:

@@ -14,7 +14,7 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parents[2]
 SHARED = ROOT.parent / "shared" / "data"
 CACHE = Path(os.environ.get("FIT_MATERIAL_CACHE", Path.home() / ".cache" / "fit-material"))
-PACKAGES = ("torch", "jax", "optimistix", "mitsuba", "drjit", "numpy")
+PACKAGES = ("torch", "jax", "optimistix", "mitsuba", "drjit", "moderngl", "numpy")
 
 
 def header() -> str:
