@@ -51,8 +51,8 @@ def rows(variant: str) -> Iterator[str]:
     """Lines of a Markdown table."""
     with _as_many_threads() as threads:
         far, renderer = surroundings(studio(256)), offscreen_context().info["GL_RENDERER"]
-        yield f"Torus under one light, {SIZE}², {REPEATS} repeats in turn, median (range). {renderer}: {THREADS}={threads};"
-        yield f"torch in float32: {threads} thread(s), and as many for its rays, by Mitsuba (LLVM where it is found)."
+        yield f"Torus under one light, {SIZE}², {REPEATS} repeats in turn, median (range)."
+        yield f"{renderer}: {THREADS}={threads}; torch in float32, its rays by Mitsuba: {threads} thread(s)."
         yield "Uploads, compilation and acceleration structures are made before; GL's picture is read back."
         yield ""
         yield "| material | pixels | GL, ms | exact, ms | torch: rays + shading, ms | torch / GL | torch / exact |"
