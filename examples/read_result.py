@@ -1,9 +1,11 @@
-"""Read a result.json: what is known of the metal, and what is not. Usage: read_result.py RESULT.json"""
+"""Read a result.json: what is known of the materials, and what is not. Usage: read_result.py RESULT.json"""
 
 import json
 import sys
 from pathlib import Path
 from typing import Any
+
+KEYS = ("f0", "n", "k", "color", "reflectance", "alpha", "roughness")  # null where a material has none
 
 
 def report(path: Path) -> str:
@@ -11,9 +13,9 @@ def report(path: Path) -> str:
     result = json.loads(path.read_text(encoding="utf-8"))
     lines = [f"{result['status']}: {result['message']}"]
     for material in result["materials"]:
-        nearest = material["nearest"][0]
-        lines.append(f"{material['name']}: most like {nearest['name']}, {nearest['distance']:.1f} σ away")
-        for key in ("f0", "n", "k", "alpha"):
+        like = [f", most like {metal['name']}, {metal['distance']:.1f} σ away" for metal in material["nearest"][:1]]
+        lines.append("".join([f"{material['name']}: {material['type']}", *like]))
+        for key in (key for key in KEYS if material[key] is not None):
             lines.extend(f"  {key} {text}" for text in _numbers(material, key))
     return "\n".join(lines)
 
