@@ -36,6 +36,7 @@ test: $(installed)
 	OMP_NUM_THREADS=1 $(bin)/python -m pytest -n 2 --dist loadfile
 
 slow: $(installed)
+	$(bin)/python -m pip install -e '.[slow]'
 	$(bin)/python -m pytest -m slow
 
 check: $(installed)
