@@ -60,10 +60,9 @@ class Body:
 
     def seen(self, towards_view: Reflectance, towards_light: Reflectance) -> Float[Tensor, "p 3"]:
         """Light that passes twice: by a factor of n·l on its way in, by one of n·v on its way out."""
-        degree = self.view.shape[1]
-        inwards, outwards = (
-            irradiance.coefficients(factor, self.view, degree) for factor in (towards_light, towards_view)
-        )
+        factors = dict.fromkeys((towards_light, towards_view))  # one where they are the same: it takes long to compute
+        found = [irradiance.coefficients(factor, self.view, self.view.shape[1]) for factor in factors]
+        inwards, outwards = found[0], found[-1]
         return (self.light * inwards).sum(1) * (self.view @ outwards)
 
 

@@ -147,7 +147,7 @@ def test_time_adds_up(iron_result):
 
 def test_progress_is_told_in_order(iron, tmp_path):
     told: list[tuple[str, float]] = []
-    options = FitOptions(PRESETS["preview"])
+    options = FitOptions(PRESETS["preview"], type="metal")
     fit_scene(iron, tmp_path, options, lambda stage, share: told.append((stage, share)))
     stages = list(dict.fromkeys(stage for stage, _ in told))
     assert stages == ["reading", "choosing pixels", "searching", "integrating", "writing the report"]
@@ -158,7 +158,7 @@ def test_a_wrong_exposure_is_not_hidden(iron, tmp_path):
     """Three times brighter than it was: F0 of 1.6, which no metal has."""
     scene = iron.with_name("too_bright.toml")
     scene.write_text(iron.read_text().replace("exposure = 1.0", "exposure = 0.33"))
-    result = fit_scene(scene, tmp_path, FitOptions(PRESETS["preview"]))
+    result = fit_scene(scene, tmp_path, FitOptions(PRESETS["preview"], type="metal"))
     assert result.quality.overall.rms_relative > 0.3
 
 

@@ -103,10 +103,10 @@ def test_one_file_names_the_three(three):
 
 
 def test_the_scene_files_word_on_the_type_is_kept(tmp_path):
-    scene = photographs(tmp_path / "photographs", CLAY, size=32, spp=64)
-    scene.write_text(scene.read_text() + '\n[[materials]]\nname = "default"\ntype = "glossy"\n')
+    scene = photographs(tmp_path / "photographs", GOLD, size=32, spp=64)
+    scene.write_text(scene.read_text() + '\n[[materials]]\nname = "default"\ntype = "matte"\n')
     (found,) = fit_scene(scene, tmp_path / "out", FitOptions(PRESETS["preview"])).materials
-    assert found.type == "glossy"
+    assert found.type == "matte"
 
 
 @pytest.mark.parametrize("material", [GOLD, PLASTIC, CLAY], ids=["metal", "glossy", "matte"])
