@@ -22,9 +22,9 @@ QUARTER_TURN = trimesh.transformations.rotation_matrix(-np.pi / 2, [1, 0, 0])  #
 
 def egg(path: Path) -> Path:
     """A lathed egg: a gold cap on a glazed belt on a clay bottom, smooth across their borders."""
-    height = -np.cos(np.linspace(0, np.pi, 97))
+    height = -np.cos(np.linspace(0, np.pi, 65))
     radius = np.sqrt(np.clip(1 - height**2, 0, None)) * (1 - 0.18 * height)
-    mesh = trimesh.creation.revolve(np.column_stack([radius, 1.25 * height]), sections=128, transform=QUARTER_TURN)
+    mesh = trimesh.creation.revolve(np.column_stack([radius, 1.25 * height]), sections=96, transform=QUARTER_TURN)
     lines = [f"v {x:.7g} {y:.7g} {z:.7g}" for x, y, z in mesh.vertices]
     lines += [f"vn {x:.7g} {y:.7g} {z:.7g}" for x, y, z in mesh.vertex_normals]
     lowest = mesh.vertices[mesh.faces, 1].min(axis=1)

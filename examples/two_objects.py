@@ -41,7 +41,7 @@ def model(folder: Path) -> Path:
         ("silver", WHITE, 1.0, (-0.65, 0.0, 0.0)),
         ("lacquer", RED, 0.7, (1.0, -0.3, 0.45)),
     ):
-        ball = trimesh.creation.icosphere(subdivisions=5, radius=radius)
+        ball = trimesh.creation.icosphere(subdivisions=4, radius=radius)
         ball.visual = TextureVisuals(material=SimpleMaterial(name=name, diffuse=color))
         scene.add_geometry(ball.apply_translation(place), geom_name=name)
     write_text_atomically(folder / "balls.thesis.mtl", MTL)
@@ -53,8 +53,8 @@ def main(folder: Path, size: int = 256) -> None:
     """One picture with neighbours, one without, and by how much they differ."""
     folder.mkdir(parents=True, exist_ok=True)
     balls, light = read_model(model(folder)), surroundings(studio())
-    origin, target, up = torch.tensor([[1.2, 0.8, 6.4], [0.0, -0.05, 0.0], [0.0, 1.0, 0.0]], dtype=torch.float64)
-    camera = Camera(look_at(origin, target, up), 3 * size // 2, size, fov=36)
+    origin, target, up = torch.tensor([[1.2, 0.9, 5.6], [0.15, -0.08, 0.0], [0.0, 1.0, 0.0]], dtype=torch.float64)
+    camera = Camera(look_at(origin, target, up), 3 * size // 2, size, fov=38)
     pictures = [torch.from_numpy(render(balls, camera, light, neighbours=known)[..., :3]) for known in (True, False)]
     for name, picture in zip(("neighbours.png", "alone.png"), pictures, strict=True):
         codes = (255 * tone_mapped(picture, exposure=-0.5, curve="aces")).round().byte().numpy()
