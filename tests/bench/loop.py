@@ -26,6 +26,7 @@ from tests.bench.setting import CACHE, spread
 
 SIZE, VIEWS = 128, 3
 COVERED = 1 - 1e-6
+ACCEPTED = {"fit": (0, 1)}  # exit codes; a fit without a usable material has its status in the table
 GOALS = {"f0": 1e-4, "color": 1e-4, "reflectance": 1e-4, "roughness": 1e-3}
 
 
@@ -38,11 +39,12 @@ def _glossy(color: Channels, reflectance: Channels, alpha: float | None = None, 
     return TrueGlossy(color, reflectance, alpha, rho)
 
 
+# Every color leaves room for F from the front: one that the energy guard divides everywhere is known but for a factor.
 THESIS: dict[str, TrueMaterial] = {
     "gold": _metal("Au", rho=0.25),
     "iron": _metal("Fe", rho=0.08),
     "red plastic": _glossy((0.6, 0.1, 0.05), (0.04, 0.04, 0.04), rho=0.15),
-    "white enamel": _glossy((0.9, 0.85, 0.8), (0.04, 0.1, 0.3), rho=0.4),
+    "white enamel": _glossy((0.85, 0.8, 0.7), (0.04, 0.06, 0.1), rho=0.4),
     "clay": TrueMatte((0.5, 0.3, 0.2)),
     "velvet": TrueMatte((0.5, 0.1, 0.3), (0.3, 0.6, 0.9)),
 }
@@ -164,7 +166,7 @@ def _difference(
 
 def _command(*arguments: object) -> None:
     done = subprocess.run([sys.executable, "-m", "fitter.cli", *map(str, arguments)], capture_output=True, text=True)
-    if done.returncode:
+    if done.returncode not in ACCEPTED.get(str(arguments[0]), (0,)):
         sys.exit(f"bench: fit-material {arguments[0]} said {done.returncode}: {done.stdout}{done.stderr}")
 
 
