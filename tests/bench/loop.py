@@ -11,11 +11,11 @@ from pathlib import Path
 
 import numpy as np
 import trimesh
-from jaxtyping import Bool, Float
+from jaxtyping import Float
 
 from fitter.catalogue import metal
 from fitter.quality import compare
-from fitter.result import Result, read_result
+from fitter.result import PictureQuality, Result, read_result
 from renderer.images import read_image
 from renderer.mesh import read_mesh
 from renderer.synth import SynthOptions, synthesise
@@ -61,14 +61,19 @@ class Outcome:
     Attributes:
         result: of the fit.
         truth: of the photographs.
-        viewed: relative RMS difference between the viewer's picture and each photograph, on covered pixels.
+        viewed: how alike the viewer's picture and each photograph are, on covered pixels.
         one_sided: pixels that only one of the two takes for covered, of all pictures.
     """
 
     result: Result
     truth: dict
-    viewed: tuple[float, ...]
+    viewed: tuple[PictureQuality, ...]
     one_sided: int
+
+    @property
+    def rms(self) -> list[float]:
+        """Relative RMS difference between the viewer's picture and each photograph, linear."""
+        return [each.rms_relative or 0.0 for each in self.viewed]
 
     def error(self, key: str) -> float | None:
         """Largest absolute error over the channels; None where the material has no such number."""
@@ -93,12 +98,12 @@ def rows(variant: str) -> Iterator[str]:
     for key, goal in GOALS.items():
         errors = [error for outcome in outcomes if (error := outcome.error(key)) is not None]
         yield f"- error of {key}: {spread(errors)} (goal {goal:g})"
-    yield f"- viewer's picture against the photograph: {spread([max(each.viewed) for each in outcomes])} (goal 0.01)"
+    yield f"- viewer's picture against the photograph: {spread([max(each.rms) for each in outcomes])} (goal 0.01)"
     yield ""
     yield "Photographs by Mitsuba, `fit` at standard fidelity: how near the thesis's model comes to real lobes."
     yield ""
-    yield "| material | found | alpha | ρ | rms of the fit | rms of the viewer's pictures |"
-    yield "|---|---|---|---|---|---|"
+    yield "| material | found | alpha | ρ | rms of fit | rms of viewer's pictures, linear | PSNR, tone-mapped, dB |"
+    yield "|---|---|---|---|---|---|---|"
     for name, material in REAL.items():
         yield _real_row(name, _by_mitsuba(name, material, mesh, variant))
 
@@ -144,7 +149,7 @@ def _round(scene: Path, mesh: Path, fidelity: str) -> Outcome:
             assert photograph.alpha is not None
             drawn, seen = picture[..., 3] == 1, photograph.alpha >= COVERED
             one_sided += int((drawn != seen).sum())
-            viewed.append(_difference(picture[..., :3], photograph.radiance, drawn & seen))
+            viewed.append(compare(photograph.radiance, picture[..., :3], drawn & seen))
         return Outcome(read_result(fitted / "result.json"), truth_of(scene), tuple(viewed), one_sided)
 
 
@@ -158,12 +163,6 @@ def _viewed(model: Path, environment: Path, view: View) -> Float[np.ndarray, "h 
     return np.concatenate([image.radiance, image.alpha[..., None]], -1)
 
 
-def _difference(
-    picture: Float[np.ndarray, "h w 3"], photograph: Float[np.ndarray, "h w 3"], mask: Bool[np.ndarray, "h w"]
-) -> float:
-    return compare(photograph, picture, mask).rms_relative or 0.0
-
-
 def _command(*arguments: object) -> None:
     done = subprocess.run([sys.executable, "-m", "fitter.cli", *map(str, arguments)], capture_output=True, text=True)
     if done.returncode not in ACCEPTED.get(str(arguments[0]), (0,)):
@@ -174,15 +173,18 @@ def _row(name: str, outcome: Outcome) -> str:
     errors = (outcome.error(key) for key in ("f0", "color", "reflectance", "roughness"))
     told = " | ".join("" if error is None else f"{error:.1e}" for error in errors)
     own = outcome.result.quality.overall.rms_relative or 0
-    viewed = " ".join(f"{value:.1e}" for value in outcome.viewed)
+    viewed = " ".join(f"{value:.1e}" for value in outcome.rms)
     return f"| {name} | {_found(outcome)} | {told} | {own:.1e} | {viewed} | {outcome.one_sided} |"
 
 
 def _real_row(name: str, outcome: Outcome) -> str:
     found = outcome.result.materials[0]
     own = outcome.result.quality.overall.rms_relative or 0
-    viewed = " ".join(f"{value:.1%}" for value in outcome.viewed)
-    return f"| {name} | {_found(outcome)} | {found.alpha:.4f} | {found.roughness:.4f} | {own:.2%} | {viewed} |"
+    viewed = " ".join(f"{value:.0%}" for value in outcome.rms)
+    shown = " ".join("–" if each.psnr is None else f"{each.psnr:.1f}" for each in outcome.viewed)
+    return (
+        f"| {name} | {_found(outcome)} | {found.alpha:.4f} | {found.roughness:.4f} | {own:.2%} | {viewed} | {shown} |"
+    )
 
 
 def _found(outcome: Outcome) -> str:
