@@ -27,8 +27,14 @@ def effects_of(fidelity: Fidelity, types: Collection[str], lights: int, self_see
         else "no pixel looked at mirrors the object itself"
     )
     above = "the 49 taps have none" if taps else "light from below the surface is not counted"
-    lamps = f"{lights} directional lights" if lights else "the scene has no directional lights"
+    lamps = f"{lights} directional light{'s' * (lights > 1)}" if lights else "the scene has no directional lights"
     guarded = taps and "glossy" in types
+    if not exact:
+        fresnel = "the viewer's reflectance was asked for"
+    elif "metal" in types:
+        fresnel = "n and k differ in it alone"
+    else:
+        fresnel = "a dielectric's for glossy materials" if mirrors else nothing
     rows = [
         ("reflection", mirrors, found if mirrors else nothing),
         ("blur", mirrors, "the roughness is fitted" if mirrors else nothing),
@@ -44,7 +50,7 @@ def effects_of(fidelity: Fidelity, types: Collection[str], lights: int, self_see
         ("depth-scaled-blur", False, "no neighbours are captured"),
         ("self-visibility", False, itself),
         ("interreflection", False, itself),
-        ("exact-fresnel", exact, "n and k differ in it alone" if exact else "the viewer's reflectance was asked for"),
+        ("exact-fresnel", exact and mirrors, fresnel),
         ("pixel-footprint", fidelity.footprint > 1, f"{fidelity.footprint**2} rays per pixel"),
     ]
     return tuple(Effect(name=name, on=on, why=why) for name, on, why in rows)

@@ -20,7 +20,7 @@ from renderer.environment import read_environment
 from renderer.errors import InputError
 from renderer.images import write_exr
 from renderer.model import Model, read_model
-from renderer.scene import LightSpec, light_option, read_scene
+from renderer.scene import LARGEST, LightSpec, light_option, read_scene
 from renderer.surroundings import Surroundings, surroundings
 from renderer.synth import named_environment
 from renderer.truth import require
@@ -87,8 +87,8 @@ class ViewOptions:
         for option, point in (("--origin", self.origin), ("--target", self.target), ("--up", self.up)):
             finite = point is None or all(map(math.isfinite, point))
             require(option, _spaced(point), finite, "three finite numbers")
-        dark = self.ambient is None or all(0 <= value < math.inf for value in self.ambient)
-        require("--ambient", _spaced(self.ambient), dark, "three finite numbers >= 0")
+        dark = self.ambient is None or all(0 <= value <= LARGEST for value in self.ambient)
+        require("--ambient", _spaced(self.ambient), dark, f"three numbers from 0 to {LARGEST:g}")
         require("--target", _spaced(self.target), self.target is None or self.origin is not None, "--origin beside it")
         require(
             "--screenshot", self.screenshot, _ending(self.screenshot) in ("", ".png", ".exr"), "a .png or .exr file"

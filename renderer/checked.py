@@ -104,6 +104,7 @@ _EXPECTED = {
     "too_long": "fewer entries",
     "bool_type": "true or false",
     "float_type": "a number",
+    "float_parsing": "a number",
     "string_type": "a text in quotes",
     "path_type": "a path in quotes",
 }

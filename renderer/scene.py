@@ -13,7 +13,6 @@ from jaxtyping import Float
 from pydantic import (
     AfterValidator,
     Field,
-    NonNegativeFloat,
     PlainValidator,
     PositiveFloat,
     Strict,
@@ -65,19 +64,22 @@ def _nonzero(direction: tuple[float, float, float]) -> tuple[float, float, float
     return direction
 
 
+Irradiance = Annotated[float, Field(ge=0, le=LARGEST)]
+
+
 class LightSpec(Checked):
     """`[[lights]]`: direction towards the light, and its irradiance on a surface that faces it."""
 
     type: Literal["directional"]
     direction: Annotated[Vector, AfterValidator(_nonzero)]
-    irradiance: Annotated[tuple[NonNegativeFloat, NonNegativeFloat, NonNegativeFloat], Strict(False)]
+    irradiance: Annotated[tuple[Irradiance, Irradiance, Irradiance], Strict(False)]
 
 
 def light_option(values: Sequence[float]) -> LightSpec:
     """The light of a command line's `--light X Y Z R G B`: towards it, and its irradiance.
 
     Raises:
-        InputError: the direction is zero, or a number not finite or negative.
+        InputError: the direction is zero, or a number not finite, negative or above `LARGEST`.
     """
     table = {"type": "directional", "direction": tuple(values[:3]), "irradiance": tuple(values[3:])}
     return check(LightSpec, table, Path("--light"))

@@ -151,6 +151,7 @@ SLIPS = {
     ("up = [0, 1, 0]", "up = 1"): r"camera\.up: is 1, expected a list",
     ("[0.3, 0.8, 0.5]", "[0, 0, 0]"): r"lights\[0\]\.direction: is .*, expected a direction that is not zero",
     ("[3.0, 3.0, 2.8]", "[3.0, -3, 2.8]"): r"lights\[0\]\.irradiance\[1\]: is -3, expected greater than or equal to 0",
+    ("[3.0, 3.0, 2.8]", "[3.0, 3, 1e39]"): r"irradiance\[2\]: is 1e\+39, expected less than or equal to 1000000000000$",
     ('"directional"', '"point"'): r"lights\[0\]\.type: is \"point\", expected 'directional'",
     ('"auto"', '"wood"'): r"materials\[0\]\.type: is \"wood\", expected 'auto', 'metal', 'glossy' or 'matte'",
     ('map = "studio.hdr"', ""): r"environment\.map: expected a value here, but it is missing",

@@ -186,7 +186,8 @@ def test_codes():
         (("--antialias", 0), "--antialias: is 0, expected 1 to 16 samples along a pixel's side"),
         (("--origin", 0, "nan", 0), "--origin: is 0 nan 0, expected three finite numbers"),
         (("--target", 0, 0, 0), "--target: is 0 0 0, expected --origin beside it"),
-        (("--ambient", 0, -1, 0), "--ambient: is 0 -1 0, expected three finite numbers >= 0"),
+        (("--ambient", 0, -1, 0), "--ambient: is 0 -1 0, expected three numbers from 0 to 1e+12"),
+        (("--ambient", 1e39, 0, 0), "--ambient: is 1e+39 0 0, expected three numbers from 0 to 1e+12"),
         (("--env", "nowhere.exr"), "nowhere.exr: expected an image file here, but there is none"),
         (
             ("--origin", 0, 4, 0),
