@@ -127,6 +127,12 @@ def test_materials_without_n_and_k_have_a_curve_and_a_table():
     assert "diffuse colour" in text
 
 
+def test_dashed_curves_are_explained_where_there_are_some():
+    alike = gold(nearest=(Nearest(name="Au", distance=1.0),))
+    assert "Known metals are dashed." in page_of(result(materials=(alike,)))
+    assert "Known metals are dashed." not in page_of(result(materials=(gold(nearest=()),)))
+
+
 def test_large_photographs_are_averaged_down():
     (row,) = tiles([view(height=4, width=2 * LONGEST_SIDE + 1)])
     assert row.fit.shape == (1, (2 * LONGEST_SIDE + 1) // 3, 4)
