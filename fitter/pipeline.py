@@ -34,7 +34,7 @@ from renderer.atomic import replaced_together, write_bytes_atomically, write_tex
 from renderer.errors import InputError
 from renderer.gbuffer import GBuffer, Tracer
 from renderer.picture import draw
-from renderer.surroundings import directional_light, surroundings
+from renderer.surroundings import directional_light
 from renderer.threads import one_thread_per_operation
 
 Progress = Callable[[str, float], None]
@@ -165,9 +165,7 @@ def _part(index: int, name: str, observed: Observations, choice: Choice, setting
     nearest = nearest_metals(fit.x, coordinates, uncertainty) if isinstance(coordinates, MetalCoordinates) else ()
     rho = None
     if setting.fidelity.lobe != "taps" and fit.material.type != "matte":
-        near = replace(setting.environment, radiance=setting.environment.radiance.cpu())
-        light = replace(surroundings(near), sources=setting.sources)
-        rho = viewer_roughness(observed, light, fit.material)
+        rho = viewer_roughness(observed, setting.viewers, fit.material)
     return FittedPart(index, observed, choice, uncertainty, fitted_material(name, fit, uncertainty, rho, nearest))
 
 

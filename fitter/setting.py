@@ -44,7 +44,7 @@ class Setting:
     def pixels(self, surface: GBuffer, body: bool) -> PixelModel:
         """The model of pixels [p, k], without a table so far; diffuse light is integrated where there is a body."""
         if self.fidelity.lobe == "taps":
-            return viewer_pixels(surface, self._viewers.ambient, self.sources)
+            return viewer_pixels(surface, self.viewers.ambient, self.sources)
         diffuse = self._diffuse(surface) if body else None
         return exact_pixels(surface, diffuse, self.sources, self.fidelity.lobe)
 
@@ -57,7 +57,7 @@ class Setting:
     ) -> LightTable:
         """Light through the fidelity's lobe; `levels` are the ends of its roughness and their number."""
         if self.fidelity.lobe == "taps":
-            return transport.tap_table(central(surface), self._viewers.cubemap, levels)
+            return transport.tap_table(central(surface), self.viewers.cubemap, levels)
         return transport.microfacet_table(
             surface,
             self.environment,
@@ -79,8 +79,9 @@ class Setting:
         return model.radiance(material)
 
     @cached_property
-    def _viewers(self) -> Surroundings:
-        return surroundings(self._near)
+    def viewers(self) -> Surroundings:
+        """The same light as the viewer has it."""
+        return replace(surroundings(self._near), sources=self.sources)
 
     @property
     def _near(self) -> Environment:
