@@ -229,7 +229,9 @@ def synth(
     spp: Annotated[int, typer.Option(help="Samples per pixel; Mitsuba's alone, the viewer's model has one.")] = 1024,
     noise: Annotated[float, typer.Option(help="Relative noise to add, as a standard deviation.")] = 0.0,
     seed: Seed = 0,
-    variant: Annotated[str, typer.Option(help="Mitsuba's: scalar_rgb, or llvm_ad_rgb where LLVM is.")] = "scalar_rgb",
+    variant: Annotated[
+        str, typer.Option(help="Mitsuba's: scalar_rgb, or llvm_ad_rgb, which is faster; auto takes it where LLVM is.")
+    ] = "auto",
     quiet: Quiet = False,
 ) -> None:
     """Photograph an object of known materials: EXR files, scene.toml to fit them, truth.json to compare."""

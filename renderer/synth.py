@@ -22,7 +22,7 @@ from renderer.scene import LightSpec
 from renderer.studio import studio, sun_and_sky
 from renderer.surroundings import directional_light
 from renderer.synth_files import material_entry, scene_toml
-from renderer.to_mitsuba import Bsdf, bsdf_of, mitsuba
+from renderer.to_mitsuba import AUTO, Bsdf, bsdf_of, mitsuba, variant_here
 from renderer.truth import ShadingModel, TrueMaterial, require, require_shadable
 from renderer.views import views
 
@@ -47,10 +47,10 @@ class SynthOptions:
         size: width and height of each in pixels, 8 to 8192.
         spp: samples per pixel, >= 1; the viewer takes one.
         noise: standard deviation of a factor around 1 that every pixel and channel is multiplied by, >= 0.
-        seed: of paths and noise; the same seed writes the same bytes.
+        seed: of paths and noise; the same seed writes the same bytes, by the same variant.
         fov: full horizontal angle of view in degrees, 1 to 120.
         max_depth: length of the longest path; 2 is light → object → camera; more: it mirrors itself.
-        variant: Mitsuba's.
+        variant: Mitsuba's; "auto" is llvm_ad_rgb where LLVM is found, else scalar_rgb, and truth.json says which.
 
     Raises:
         InputError: a value is out of its range; names the command-line option.
@@ -68,7 +68,7 @@ class SynthOptions:
     seed: int = 0
     fov: float = 35.0
     max_depth: int = 8
-    variant: str = "scalar_rgb"
+    variant: str = AUTO
 
     def __post_init__(self) -> None:
         known = get_args(ShadingModel)
@@ -107,6 +107,8 @@ def synthesise(
             mesh names.
     """
     progress("environment", 0.0)
+    if options.model == "mitsuba":
+        options = replace(options, variant=variant_here(options.variant))
     environment = named_environment(options.env)
     shape = Sphere() if options.mesh is None else read_mesh(options.mesh)
     materials = _by_name(options, shape)

@@ -22,6 +22,8 @@ from shaders.shade import DirectionalLight
 
 Bsdf = dict[str, Any]
 
+AUTO = "auto"  # the fastest variant that runs here
+
 
 def mitsuba(variant: str = "scalar_rgb") -> Any:
     """The module `mitsuba`, with its variant set.
@@ -36,13 +38,27 @@ def mitsuba(variant: str = "scalar_rgb") -> Any:
 
     known = [name for name in mi.variants() if name.endswith("_rgb")]
     if variant not in known:
-        raise InputError("--variant", value=variant, expected=f"one of {', '.join(known)}")
+        raise InputError("--variant", value=variant, expected=f"one of {', '.join(known)}, or {AUTO}")
     try:
         mi.set_variant(variant)
     except ImportError as error:
         library = "LLVM's shared library (Debian: apt install libllvm19)" if "llvm" in variant else "CUDA"
         raise InputError("--variant", value=variant, expected=f"{library}, or use scalar_rgb") from error
     return mi
+
+
+def variant_here(variant: str = AUTO) -> str:
+    """The variant's name; for "auto" that of the fast one where LLVM is found, else of the one that needs nothing.
+
+    Raises:
+        InputError: as `mitsuba`, about a variant that was asked for by name.
+    """
+    if variant != AUTO:
+        return mitsuba(variant).variant()
+    try:
+        return mitsuba("llvm_ad_rgb").variant()
+    except InputError:
+        return mitsuba("scalar_rgb").variant()
 
 
 def bsdf_of(material: TrueMaterial) -> Bsdf:

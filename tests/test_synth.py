@@ -18,7 +18,7 @@ from renderer.path_tracer import render
 from renderer.scene import camera_of, read_scene, read_shape
 from renderer.studio import studio
 from renderer.synth import SynthOptions, synthesise
-from renderer.to_mitsuba import conductor, mitsuba
+from renderer.to_mitsuba import conductor, mitsuba, variant_here
 from renderer.truth import TrueMetal
 from renderer.views import views
 from shaders.fresnel import conductor as fresnel_conductor
@@ -209,6 +209,13 @@ def test_truth_says_what_mitsuba_really_held(tmp_path, small):
     assert truth["spectra"]["k"] == pytest.approx(GOLD["k"], rel=1e-6)
     for n, k, f0 in zip(material["n"], material["k"], material["f0"], strict=True):
         assert f0 == pytest.approx(abs((n + 1j * k - 1) / (n + 1j * k + 1)) ** 2, rel=1e-12)
+
+
+def test_truth_says_which_variant_took_the_photographs(tmp_path, small, variant):
+    for asked in (variant, "auto"):
+        synthesise(small(variant=asked), tmp_path)
+        used = json.loads((tmp_path / "truth.json").read_text(encoding="utf-8"))["variant"]
+        assert used == (variant if asked == variant else variant_here())
 
 
 def test_a_mesh_travels_with_its_scene(tmp_path, small):

@@ -12,7 +12,7 @@ from renderer.camera import Camera, look_at
 from renderer.environment import Environment
 from renderer.errors import InputError
 from renderer.mesh import Mesh, Sphere
-from renderer.to_mitsuba import conductor, envmap, mitsuba, mitsuba_shape, sensor
+from renderer.to_mitsuba import conductor, envmap, mitsuba, mitsuba_shape, sensor, variant_here
 
 FLOAT32 = 1e-6  # what remains of unit vectors and colours after Mitsuba's float32
 
@@ -126,3 +126,28 @@ def test_without_llvm_the_user_learns_which_package_to_install():
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, env=environment)
     assert "InputError: --variant: is llvm_ad_rgb, expected LLVM's shared library" in done.stderr
     assert "libllvm19" in done.stderr
+
+
+@pytest.mark.parametrize("library", ["", "/nonexistent/libLLVM.so"])
+def test_the_fast_variant_is_taken_where_llvm_is_and_else_the_one_that_needs_nothing(library):
+    code = "from renderer.to_mitsuba import variant_here; print(variant_here())"
+    environment = {**os.environ, **({"DRJIT_LIBLLVM_PATH": library} if library else {})}
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, env=environment, check=True)
+    expected = "scalar_rgb" if library or not has_llvm() else "llvm_ad_rgb"
+    assert done.stdout.split()[-1] == expected
+
+
+def test_a_variant_asked_for_by_name_is_that_one_or_an_error(mi):
+    assert variant_here("scalar_rgb") == "scalar_rgb"
+    with pytest.raises(InputError, match=r"--variant: is gpu"):
+        variant_here("gpu")
+
+
+def has_llvm() -> bool:
+    try:
+        mitsuba("llvm_ad_rgb")
+    except InputError:
+        return False
+    finally:
+        mitsuba("scalar_rgb")
+    return True

@@ -6,9 +6,10 @@ import os
 import sys
 from functools import partial
 
+from renderer.to_mitsuba import variant_here
 from tests.bench import agreement, frame, loop, parity, recovery, types
 from tests.bench.photographs import SHAPES
-from tests.bench.setting import SHARED, header, mitsuba_variant
+from tests.bench.setting import SHARED, header
 
 PARTS = {
     "agreement": ("Agreement with Mitsuba", agreement.rows),
@@ -35,7 +36,7 @@ def main() -> None:
         listed = f"unknown {', '.join(sorted(unknown))}; there are {', '.join(PARTS)}"
         sys.exit(f"bench: {listed}" if unknown else f"bench: needs {SHARED}")
     os.environ.setdefault(frame.THREADS, "1")  # llvmpipe reads it once, when the first part makes a context
-    variant = mitsuba_variant()
+    variant = variant_here()
     print(header(), flush=True)
     for name in names:
         title, rows = PARTS[name]

@@ -41,16 +41,35 @@ def truth_of(scene: Path) -> dict:
 
 @dataclass(frozen=True)
 class Case:
-    """One metal object in one light: three views of 128² pixels, 512 samples each."""
+    """One metal object in one light.
+
+    Attributes:
+        metal: a symbol of the catalogue.
+        alpha: microfacet width.
+        environment, shape: of `ENVIRONMENTS`, `SHAPES`.
+        size: of the photographs, in pixels.
+        spp: samples a pixel.
+        views: number of photographs.
+        noise: standard deviation of a factor on every value.
+    """
 
     metal: str
     alpha: float
     environment: str = "studio_small_03"
     shape: str = "sphere"
+    size: int = 128
+    spp: int = 512
+    views: int = 3
+    noise: float = 0.0
+
+    @property
+    def label(self) -> str:
+        """What it is of, for people."""
+        return f"{self.shape}-{self.metal}-{self.alpha:g}-{self.environment}"
 
     def scene(self, variant: str) -> Path:
         """The scene file; renders the photographs where they are not kept from an earlier run."""
-        return photographed(self.options(variant), f"{self.shape}-{self.metal}-{self.alpha:g}-{self.environment}")
+        return photographed(self.options(variant), self.label)
 
     def options(self, variant: str) -> SynthOptions:
         """What `synth` is asked for."""
@@ -59,7 +78,9 @@ class Case:
             TrueMetal(known.n, known.k, self.alpha, metal=known.name, source=known.source),
             mesh=SHAPES[self.shape],
             env=map_of(self.environment),
-            size=128,
-            spp=512,
+            views=self.views,
+            size=self.size,
+            spp=self.spp,
+            noise=self.noise,
             variant=variant,
         )

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib.util
 import os
 import platform
 import statistics
@@ -26,19 +25,6 @@ def header() -> str:
     machine = f"{platform.machine()}, {os.cpu_count()} cores, load {load:.1f} at the start"
     packages = ", ".join(f"{name} {version(name)}" for name in PACKAGES)
     return f"commit {commit} · {machine} · Python {platform.python_version()}\n{packages}\n"
-
-
-def mitsuba_variant() -> str:
-    """The fast variant where LLVM is found, else the one that needs nothing."""
-    from renderer.errors import InputError
-    from renderer.to_mitsuba import mitsuba
-
-    assert importlib.util.find_spec("mitsuba")
-    try:
-        mitsuba("llvm_ad_rgb")
-    except InputError:
-        return "scalar_rgb"
-    return "llvm_ad_rgb"
 
 
 def spread(values: Sequence[float]) -> str:
