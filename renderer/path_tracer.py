@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
 from jaxtyping import Float
@@ -46,6 +46,36 @@ def render(
         Linear radiance, premultiplied by the fourth channel, coverage in [0, 1]; float32. The environment
         itself is not in the picture, only what it does to the object.
     """
+    samples = _passes(spp, camera.width * camera.height)
+    pictures = passes(
+        shape, camera, environment, bsdf, samples, lights=lights, seed=seed, max_depth=max_depth, variant=variant
+    )
+    total, done = np.zeros((camera.height, camera.width, 4)), 0
+    for count, pixels in zip(samples, pictures, strict=True):
+        total += count * pixels.astype(np.float64)
+        done += count
+        progress(done / spp)
+    return (total / spp).astype(np.float32)
+
+
+def passes(
+    shape: Shape,
+    camera: Camera,
+    environment: Environment,
+    bsdf: Bsdf | Sequence[Bsdf],
+    samples: Sequence[int],
+    *,
+    lights: Sequence[DirectionalLight] = (),
+    seed: int = 0,
+    max_depth: int = 8,
+    variant: str = "scalar_rgb",
+) -> Iterator[Float[np.ndarray, "h w 4"]]:
+    """Independent estimates of one photograph, whose mean is `render`'s; their scatter is its noise.
+
+    Args:
+        samples: per pixel, of each estimate.
+        shape, camera, environment, bsdf, lights, seed, max_depth, variant: as `render`'s.
+    """
     mi = mitsuba(variant)
     scene = mi.load_dict(
         {
@@ -57,14 +87,9 @@ def render(
             **mitsuba_shapes(shape, [bsdf] if isinstance(bsdf, dict) else bsdf),
         }
     )
-    passes = _passes(spp, camera.width * camera.height)
-    seeds = np.random.SeedSequence(seed).generate_state(len(passes))
-    total, done = np.zeros((camera.height, camera.width, 4)), 0
-    for samples, pass_seed in zip(passes, seeds.tolist(), strict=True):
-        total += samples * np.array(mi.render(scene, spp=samples, seed=pass_seed), np.float64)
-        done += samples
-        progress(done / spp)
-    return (total / spp).astype(np.float32)
+    seeds = np.random.SeedSequence(seed).generate_state(len(samples))
+    for count, pass_seed in zip(samples, seeds.tolist(), strict=True):
+        yield np.array(mi.render(scene, spp=count, seed=pass_seed))
 
 
 def _passes(spp: int, pixels: int) -> list[int]:
