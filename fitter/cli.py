@@ -10,8 +10,7 @@ import signal
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -19,6 +18,7 @@ import typer
 from typer.exceptions import TyperException
 
 from fitter.printing import flush, say
+from fitter.progress import progress_bar
 from fitter.view_command import view
 from renderer.errors import InputError
 
@@ -36,8 +36,6 @@ app = typer.Typer(
 )
 
 app.command()(view)
-
-Progress = Callable[[str, float], None]
 
 
 class FidelityName(enum.StrEnum):
@@ -259,7 +257,7 @@ def synth(
         seed=seed,
         variant=variant,
     )
-    with _progress(quiet) as progress:
+    with progress_bar(quiet) as progress:
         scene = synthesise(options, out, progress)
     say(scene)
 
@@ -271,7 +269,7 @@ def demo(out: Out = Path("demo"), quiet: Quiet = False) -> None:
 
     gold, _ = _true_material(None, metal="gold", alpha=0.15)
     options = SynthOptions(gold, size=128, spp=512)
-    with _progress(quiet) as progress:
+    with progress_bar(quiet) as progress:
         scene = synthesise(options, out / "photographs", progress)
     code = _fit(scene, out, "metal", "standard", "ggx", "lm", 0, "cpu", quiet, begun=time.perf_counter())
     say(f"truth: {out / 'photographs' / 'truth.json'}")
@@ -289,11 +287,7 @@ def export(
     from fitter.result import read_result
 
     formats = [name.strip() for name in to.split(",")]
-    try:
-        read = read_result(result)
-    except RecursionError:
-        raise InputError(result, expected="JSON without hundreds of lists inside each other") from None
-    for path in write(read, formats, out, _stem(result), result):
+    for path in write(read_result(result), formats, out, _stem(result), result):
         say(path)
 
 
@@ -335,7 +329,7 @@ def _fit(
     quiet: bool,
     begun: float = BEGUN,
 ) -> int:
-    with _progress(quiet) as progress:
+    with progress_bar(quiet) as progress:
         progress("starting", 0)
         from fitter.fidelity import preset
         from fitter.pipeline import FitOptions, fit_scene
@@ -366,29 +360,6 @@ def _print_result(result, out: Path) -> None:
 
 def _with_error(value: float, error: float | None) -> str:
     return f"{value:.4g} ± {error:.4g}" if error is not None else f"{value:.4g} (not determined)"
-
-
-@contextmanager
-def _progress(quiet: bool) -> Iterator[Progress]:
-    """A progress bar on the terminal's standard error; nothing where it is no terminal or not wanted."""
-    if quiet or not sys.stderr.isatty():
-        yield lambda stage, share: None
-        return
-    from rich.console import Console
-    from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
-
-    columns = (TextColumn("{task.description:24}"), BarColumn(), TimeElapsedColumn())
-    with Progress(*columns, console=Console(stderr=True), transient=True) as bars:
-        tasks: dict[str, object] = {}
-
-        def show(stage: str, share: float) -> None:
-            if stage not in tasks:
-                for done in tasks.values():
-                    bars.update(done, completed=1)  # type: ignore[arg-type]
-                tasks[stage] = bars.add_task(stage, total=1)
-            bars.update(tasks[stage], completed=share)  # type: ignore[arg-type]
-
-        yield show
 
 
 if __name__ == "__main__":

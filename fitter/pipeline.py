@@ -105,17 +105,15 @@ def fit_scene(
         InputError: about the first thing in the input that is wrong.
     """
     began = time.perf_counter() if begun is None else begun
-    device = _device(options.device)
+    device = torch_device(options.device)
     progress("reading", 0)
     loaded = load(scene_file)
     read = time.perf_counter()
     with one_thread_per_operation(), replaced_together(out) as folder:
         progress("choosing pixels", 0)
         trace = gbuffer.tracer(loaded.shape)
-        environment = replace(loaded.environment, radiance=loaded.environment.radiance.to(device))
-        sources = tuple(directional_light(light) for light in loaded.scene.lights)
-        setting = Setting(environment, sources, options.fidelity, options.seed)
-        parts = _fit_parts(loaded, trace, setting, options, progress, scene_file)
+        setting = setting_of(loaded, options, device)
+        parts = fit_parts(loaded, trace, setting, options, progress, scene_file)
         solving = sum(part.choice.fit.solve_seconds for part in parts)
         clock = _Clock(began, read, time.perf_counter(), solving)
         progress("writing the report", 0)
@@ -131,7 +129,14 @@ def fit_scene(
     return result
 
 
-def _fit_parts(
+def setting_of(loaded: Loaded, options: FitOptions, device: torch.device) -> Setting:
+    """The light of the scene on that device, and how accurately to compute it."""
+    environment = replace(loaded.environment, radiance=loaded.environment.radiance.to(device))
+    sources = tuple(directional_light(light) for light in loaded.scene.lights)
+    return Setting(environment, sources, options.fidelity, options.seed)
+
+
+def fit_parts(
     loaded: Loaded, trace: Tracer, setting: Setting, options: FitOptions, progress: Progress, scene_file: Path
 ) -> list[FittedPart]:
     """Each material from its own pixels."""
@@ -190,7 +195,7 @@ class _Clock:
         )
 
 
-def _device(name: str) -> torch.device:
+def torch_device(name: str) -> torch.device:
     """A device by torch's name for it, once it has shown that it computes here."""
     try:
         device = torch.device(name)

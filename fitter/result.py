@@ -209,6 +209,8 @@ def read_result(path: str | Path) -> Result:
         raise InputError(path, expected=f"a result.json that can be read ({error.strerror})") from error
     except ValueError as error:  # of the decoding or of the JSON
         raise InputError(path, expected=f"strict JSON in UTF-8 ({error})") from error
+    except RecursionError:
+        raise InputError(path, expected="JSON without hundreds of lists inside each other") from None
     return check(Result, data, Path(path))
 
 

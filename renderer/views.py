@@ -38,12 +38,12 @@ def views(count: int, shape: Shape, fov: float = 35.0, margin: float = 0.06) -> 
         fov: full horizontal angle of view, degrees.
         margin: how much farther away than necessary to stand, as a fraction.
     """
-    target, radius = _bounding_sphere(shape)
+    target, radius = bounding_sphere(shape)
     distance = (1 + margin) * radius / math.sin(math.radians(fov) / 2)
     return [_view(index, count, target, distance, fov) for index in range(count)]
 
 
-def _bounding_sphere(shape: Shape) -> tuple[Float[np.ndarray, " 3"], float]:
+def bounding_sphere(shape: Shape) -> tuple[Float[np.ndarray, " 3"], float]:
     """A sphere round the middle of the bounding box that contains every corner of every face."""
     if isinstance(shape, Sphere):
         return np.zeros(3), 1.0
