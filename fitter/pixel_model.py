@@ -98,9 +98,8 @@ class DirectLight:
     def reflected(
         self, reflectance: Reflectance, alpha: Float[Tensor, ""], distribution: lobe.Distribution
     ) -> Float[Tensor, "p 3"]:
-        """E · F D G / (4 n·v), the mean over each pixel [Walter 2007, eq. 20]."""
-        shadowing = lobe.smith_g1(self.cos_v, alpha, distribution) * lobe.smith_g1(self.cos_l, alpha, distribution)
-        facets = lobe.distribution_of_normals(self.cos_h, alpha, distribution) * shadowing / (4 * self.cos_v)
+        """E · F D G / (4 n·v), the mean over each pixel."""
+        facets = lobe.reflected(self.cos_v, self.cos_l, self.cos_h, alpha, distribution)
         return self.irradiance * (reflectance(self.cos_d[..., None]) * facets[..., None]).mean(1)
 
     def scattered(self, towards_view: Reflectance, towards_light: Reflectance) -> Float[Tensor, "p 3"]:

@@ -182,29 +182,36 @@ def sample_visible_normals(
     return hx * scale, hy * scale, hz * scale
 
 
-def reflection_weight(
+def visible_normal_density(cos_v: Float[Tensor, "*p"], cos_h: Float[Tensor, "*p"], alpha: float) -> Float[Tensor, "*p"]:
+    """Density per steradian of v mirrored by normals of `sample_visible_normals`, G1(v) D(h) / (4 n·v) [Heitz 2018].
+
+    Args:
+        cos_v, cos_h: cosines of view and microfacet normal against the surface normal, in (0, 1].
+        alpha: α, microfacet width, > 0.
+    """
+    width = cos_h.new_tensor(alpha)
+    return smith_g1(cos_v, width, "ggx") * distribution_of_normals(cos_h, width, "ggx") / (4 * cos_v)
+
+
+def reflected(
     cos_v: Float[Tensor, "*p"],
     cos_l: Float[Tensor, "*p"],
     cos_h: Float[Tensor, "*p"],
-    alpha: float,
+    alpha: float | Float[Tensor, ...],
     distribution: Distribution,
 ) -> Float[Tensor, "*p"]:
-    """BRDF · cosine / density of a direction that was made by `sample_visible_normals`, without the reflectance F.
+    """BRDF · n·l without the reflectance F: D(h) G1(v) G1(l) / (4 n·v) [Walter 2007, eq. 20, 23].
 
-    For GGX this is G1(l) [Heitz 2018, eq. 19, with separable masking-shadowing as in Mitsuba]. Beckmann uses the
-    same samples, weighted by the ratio of the two densities, D_B G1_B(v) / (D_G G1_G(v)), which is bounded by 4/e
-    times the ratio of the G1.
+    Masking and shadowing are taken for independent, as Mitsuba takes them.
 
     Args:
-        cos_v, cos_l, cos_h: cosines of view, light and microfacet normal against the surface normal.
+        cos_v, cos_l, cos_h: cosines of view, light and half vector against the surface normal; view and half vector
+            in (0, 1].
+        alpha: α, microfacet width, > 0.
 
     Returns:
-        weight >= 0; 0 for light from below the horizon.
+        in 1/steradian; 0 for light from below the horizon.
     """
-    g1_l = smith_g1(cos_l, cos_l.new_tensor(alpha), distribution)
-    if distribution == "ggx":
-        return g1_l
-    width = cos_l.new_tensor(alpha)
-    facets = distribution_of_normals(cos_h, width, "beckmann") / distribution_of_normals(cos_h, width, "ggx")
-    masking = smith_g1(cos_v, width, "beckmann") / smith_g1(cos_v, width, "ggx")
-    return facets * masking * g1_l
+    width = torch.as_tensor(alpha).to(cos_h)
+    unmasked = smith_g1(cos_v, width, distribution) * smith_g1(cos_l, width, distribution)
+    return distribution_of_normals(cos_h, width, distribution) * unmasked / (4 * cos_v)
