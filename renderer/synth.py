@@ -196,11 +196,21 @@ def _different(options: SynthOptions, materials: Sequence[TrueMaterial]) -> Sequ
 def _photograph(
     photographer: Photographer, options: SynthOptions, camera: Camera, index: int, progress: Progress
 ) -> Float[np.ndarray, "h w 4"]:
-    """One photograph with its noise; paths and noise of each have seeds of their own."""
-    path_seed, noise_seed = np.random.SeedSequence([options.seed, index]).generate_state(2).tolist()
-    pixels = photographer(camera, path_seed, progress)
-    pixels[..., :3] *= 1 + options.noise * np.random.default_rng(noise_seed).normal(size=pixels[..., :3].shape)
-    return pixels
+    """One photograph with its noise."""
+    return noisy(photographer(camera, _seeds(options.seed, index)[0], progress), options, index)
+
+
+def noisy(pixels: Float[np.ndarray, "h w 4"], options: SynthOptions, index: int) -> Float[np.ndarray, "h w 4"]:
+    """A photograph that has none yet with the noise that the options ask for; `index` is its place among all."""
+    random = np.random.default_rng(_seeds(options.seed, index)[1])
+    factor = 1 + options.noise * random.normal(size=(*pixels.shape[:2], 3))
+    return np.concatenate([pixels[..., :3] * factor, pixels[..., 3:]], -1).astype(np.float32)
+
+
+def _seeds(seed: int, index: int) -> tuple[int, int]:
+    """Of the paths and of the noise of one photograph."""
+    paths, noise = np.random.SeedSequence([seed, index]).generate_state(2).tolist()
+    return paths, noise
 
 
 def _truth(options: SynthOptions, materials: Mapping[str, TrueMaterial]) -> dict[str, Any]:

@@ -4,17 +4,23 @@ from __future__ import annotations
 
 import hashlib
 import json
-from dataclasses import asdict, dataclass
+import os
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
+import numpy as np
+
 from fitter.catalogue import metal
-from renderer.synth import SynthOptions, synthesise
+from renderer.atomic import replaced_together, write_text_atomically
+from renderer.images import read_image, write_exr
+from renderer.synth import SynthOptions, noisy, synthesise
 from renderer.truth import TrueMetal
 from tests.bench.setting import CACHE, SHARED
 
 METALS = ("Au", "Cu", "Al", "Fe")
 ALPHAS = (0.05, 0.2, 0.5)
 ENVIRONMENTS = ("studio_small_03", "rooitou_park", "st_peters_square_night")
+MEASURED = ".npz"  # what benchmarks have measured of photographs, kept beside them
 SHAPES = {
     "sphere": None,
     "icosphere": SHARED / "meshes" / "icosphere5.obj",
@@ -28,10 +34,32 @@ def map_of(environment: str) -> str:
 
 
 def photographed(options: SynthOptions, label: str) -> Path:
-    """The scene file of Mitsuba's photographs; renders them where they are not kept from an earlier run."""
+    """The scene file of Mitsuba's photographs; renders them where they are not kept from an earlier run.
+
+    Noise is put on photographs without, so that both are of the same paths and these are traced once.
+    """
     key = hashlib.sha256(repr(sorted(asdict(options).items(), key=str)).encode()).hexdigest()[:16]
     scene = CACHE / f"{label}-{key}" / "scene.toml"
-    return scene if scene.exists() else synthesise(options, scene.parent)
+    if scene.exists():
+        return scene
+    if not options.noise:
+        return synthesise(options, scene.parent)
+    return _with_noise(photographed(replace(options, noise=0.0), label), options, scene)
+
+
+def _with_noise(clean: Path, options: SynthOptions, scene: Path) -> Path:
+    """A copy of a scene with noise on its photographs: what `synthesise` writes for these options."""
+    with replaced_together(scene.parent, last="scene.toml") as folder:
+        for path in clean.parent.iterdir():
+            if path.suffix != MEASURED:
+                os.link(path, folder / path.name)
+        for index in range(options.views):
+            image = read_image(clean.with_name(f"view_{index}.exr"))
+            pixels = np.concatenate([image.radiance, image.alpha[..., None]], -1)  # type: ignore[index] — synth's have it
+            write_exr(folder / f"view_{index}.exr", noisy(pixels, options, index))
+        truth = json.loads(clean.with_name("truth.json").read_text(encoding="utf-8")) | {"noise": options.noise}
+        write_text_atomically(folder / "truth.json", json.dumps(truth, indent=2, ensure_ascii=False) + "\n")
+    return scene
 
 
 def truth_of(scene: Path) -> dict:
