@@ -48,10 +48,6 @@ class Radiance:
     by_k: Float[Tensor, "p 3"]
     by_alpha: Float[Tensor, "p 3"]
 
-    def moved(self, n: Float[Tensor, "3"], k: Float[Tensor, "3"], alpha: Float[Tensor, ""]) -> Float[Tensor, "p 3"]:
-        """The radiance, to first order, after changes of n, k and alpha."""
-        return self.value + self.by_n * n + self.by_k * k + self.by_alpha * alpha
-
 
 class DifferentiableScene:
     """An object in its light, one of whose materials is a metal that may change."""

@@ -1,0 +1,207 @@
+"""The top of the ladder: a last fit with Mitsuba as the forward model, which sees what the object does to itself.
+
+A light table knows the direct light exactly and nothing else. Mitsuba's paths give what it leaves out: light that the
+object hides from itself, and light that it mirrors on itself. At a metal m₀ their sum is Mitsuba's picture, and so are
+its derivatives; around it the table knows how direct light goes on:
+
+    L(m) = table(m) + P(m₀) + ∂P/∂m (m - m₀)
+
+The same pixels are fitted to it by the same least squares, in turn with paths for the metal found, until that moves no
+more: first-order manifold mapping [Echeverría & Hemker 2005]. The paths' noise is independent from pixel to pixel, as
+the photographs' is, so that the scatter of the residuals counts it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from fitter.loading import Loaded
+from fitter.pixel_model import PixelModel
+from fitter.search import Fit, Problem, refined
+from fitter.setting import Setting
+from renderer.differentiable import DifferentiableScene, Radiance, unheard
+from renderer.errors import InputError
+from renderer.gbuffer import GBuffer
+from renderer.to_mitsuba import Bsdf, conductor, diffuse, plastic
+from renderer.transport import LightTable
+from renderer.truth import Channels
+from shaders import fresnel
+from shaders.lobe import Distribution
+from shaders.materials import Glossy, Material, Metal
+
+SAMPLES = 1024  # paths per pixel
+FEWER_SHOWN = 128  # … of a picture to look at
+ROUNDS = 6
+SETTLED = 0.1  # standard errors; the paths' own noise is more
+PATHS_SEED = 0x9A7B  # beside the fit's own, so that no path of a photograph made by `synth` is walked again
+GREY = (0.5, 0.5, 0.5)  # of materials that no photograph shows
+
+
+@dataclass(frozen=True)
+class Tangent:
+    """What paths add to the radiance of pixels, to first order around one metal.
+
+    Its coordinates are F0, the share t = ln n / ln m of the way from n = 1 to the limit m that n has at this F0, and
+    alpha. Both of the first are bounded: where the photographs leave n and k open, these may go anywhere without
+    taking the picture along.
+
+    Attributes:
+        value: [p, 3] at the metal.
+        slopes: its derivatives by the three coordinates.
+        origin: the metal's coordinates.
+    """
+
+    value: Float[Tensor, "p 3"]
+    slopes: tuple[Float[Tensor, "p 3"], ...]
+    origin: tuple[Tensor, ...]
+
+    @staticmethod
+    def of(added: Radiance, metal: Metal) -> Tangent:
+        """From the derivatives by n and k: (∂/∂F0, ∂/∂t) = (∂/∂n, ∂/∂k) J⁻¹, J of (F0, t) by (n, k) per channel."""
+        by_n = torch.func.jvp(_coordinates, (metal.n, metal.k), (torch.ones(3).to(metal.n), torch.zeros(3).to(metal.k)))
+        by_k = torch.func.jvp(_coordinates, (metal.n, metal.k), (torch.zeros(3).to(metal.n), torch.ones(3).to(metal.k)))
+        (f0_n, t_n), (f0_k, t_k) = by_n[1], by_k[1]
+        determinant = f0_n * t_k - f0_k * t_n
+        by_f0 = (added.by_n * t_k - added.by_k * t_n) / determinant
+        by_t = (added.by_k * f0_n - added.by_n * f0_k) / determinant
+        return Tangent(added.value, (by_f0, by_t, added.by_alpha), (*by_n[0], metal.roughness))
+
+    def at(self, metal: Metal) -> Float[Tensor, "p 3"]:
+        """The value at another metal."""
+        place = (*_coordinates(metal.n, metal.k), metal.roughness)
+        ways = (there - here for there, here in zip(place, self.origin, strict=True))
+        return self.value + sum(slope * way for slope, way in zip(self.slopes, ways, strict=True))
+
+
+def _coordinates(n: Float[Tensor, "3"], k: Float[Tensor, "3"]) -> tuple[Float[Tensor, "3"], Float[Tensor, "3"]]:
+    f0 = fresnel.normal_reflectance(n, k)
+    return f0, n.log() / fresnel.index_limit(f0).log()
+
+
+@dataclass(frozen=True)
+class PolishedPixels(PixelModel):
+    """A table's model with what Mitsuba's paths add to it.
+
+    Attributes:
+        base: the table's model.
+        added: what the table leaves out.
+    """
+
+    base: PixelModel
+    added: Tangent
+
+    @property
+    def table(self) -> LightTable | None:  # type: ignore[override]
+        return self.base.table
+
+    def under(self, table: LightTable | None) -> PolishedPixels:
+        return replace(self, base=self.base.under(table))
+
+    def radiance(self, material: Material) -> Float[Tensor, "p 3"]:
+        """Radiance of every pixel."""
+        assert isinstance(material, Metal)
+        return self.base.radiance(material) + self.added.at(material)
+
+
+@dataclass(frozen=True)
+class Polish:
+    """The fit of a metal among the object's materials, polished.
+
+    Attributes:
+        fit: what was found, its model a `PolishedPixels`.
+        scene: the object in Mitsuba.
+        seed: of the paths.
+    """
+
+    fit: Fit
+    scene: DifferentiableScene
+    seed: int
+
+    def picture(self, surface: GBuffer) -> Float[Tensor, "p 3"]:
+        """What a table leaves out of the radiance of pixels [p, k], for pictures to look at."""
+        return _added(self.scene, surface, self.fit.material, FEWER_SHOWN, self.seed + 1).value
+
+
+def polished(problem: Problem, fit: Fit, scene: DifferentiableScene, seed: int) -> Polish:
+    """Polish the fit of a metal; its solution is "stopped" where `ROUNDS` rounds did not settle.
+
+    Args:
+        problem: that the fit solved.
+        fit: where to begin.
+        scene: the object in Mitsuba, the fitted metal the one that may change.
+        seed: of the fit.
+    """
+    base, paths_seed = fit.residuals.model, PATHS_SEED + seed
+    progress = partial(problem.progress, "tracing paths")
+    for _ in range(ROUNDS):
+        before = fit.material
+        assert isinstance(before, Metal)
+        added = _added(scene, problem.observed.surface, before, SAMPLES, paths_seed, progress)
+        model = PolishedPixels(base, Tangent.of(added, before))
+        fit = refined(problem, replace(fit, residuals=replace(fit.residuals, model=model)))
+        if _way(fit, before) < SETTLED:
+            return Polish(fit, scene, paths_seed)
+    return Polish(replace(fit, solution=replace(fit.solution, status="stopped")), scene, paths_seed)
+
+
+def _added(
+    scene: DifferentiableScene,
+    surface: GBuffer,
+    metal: Metal,
+    samples: int,
+    seed: int,
+    progress: Callable[[float], None] = unheard,
+) -> Radiance:
+    return scene.radiance(surface, metal, samples=samples, seed=seed, beyond_direct=True, progress=progress)
+
+
+def _way(fit: Fit, before: Material) -> float:
+    """How far the fit moved, in standard errors: the change of the residuals over their scatter."""
+    now, then = fit.residuals(fit.x), fit.residuals(fit.residuals.coordinates.free(before))
+    return float((now - then).norm() / now.square().mean().sqrt())
+
+
+def metals_to_polish(materials: Sequence[Material], setting: Setting) -> list[bool]:
+    """Which of the found materials are polished.
+
+    Raises:
+        InputError: in the viewer's model, whose blur no path follows.
+    """
+    if setting.fidelity.lobe == "taps":
+        raise InputError("--polish", expected="a fidelity whose light Mitsuba can follow: preview, standard, reference")
+    return [isinstance(material, Metal) for material in materials]
+
+
+def polish_scene(
+    loaded: Loaded, setting: Setting, materials: Mapping[int, Material], metal: int
+) -> DifferentiableScene:
+    """The object in Mitsuba, made of what was found; `materials` by their index among the mesh's.
+
+    Raises:
+        InputError: where LLVM is missing; names the package that has it.
+    """
+    lobe = setting.fidelity.lobe
+    assert lobe != "taps"
+    bsdfs = [_bsdf(materials[i], lobe) if i in materials else diffuse(GREY) for i in range(len(loaded.materials))]
+    return DifferentiableScene(loaded.shape, setting.environment, setting.sources, bsdfs, metal)
+
+
+def _bsdf(material: Material, lobe: Distribution) -> Bsdf:
+    """A found material in Mitsuba's terms."""
+    if isinstance(material, Metal):
+        return conductor(_channels(material.n), _channels(material.k), float(material.roughness), lobe)
+    color = _channels(material.color.clamp(0, 1))
+    if isinstance(material, Glossy):
+        return plastic(color, float(material.reflectance[0]), float(material.roughness), lobe)
+    return diffuse(color)
+
+
+def _channels(values: Float[Tensor, "3"]) -> Channels:
+    red, green, blue = values.tolist()
+    return red, green, blue
