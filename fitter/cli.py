@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 from typer.exceptions import TyperException
 
+from fitter.advise_command import advise
 from fitter.printing import flush, say
 from fitter.progress import progress_bar
 from fitter.view_command import view
@@ -36,6 +37,7 @@ app = typer.Typer(
 )
 
 app.command()(view)
+app.command()(advise)
 
 
 class FidelityName(enum.StrEnum):

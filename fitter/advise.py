@@ -1,0 +1,86 @@
+"""Which further photograph would shrink the intervals of a fit most: what `fit-material advise` does.
+
+Cameras all round the object are imagined; what each would tell of the material found is its Fisher information, by the
+fit's own model and the noise of the photographs that there are. It takes no photograph, only the light on its pixels.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+from fitter.advice import Advice, advice_of
+from fitter.earlier_result import read_earlier_result, require_of_scene
+from fitter.fidelity import PRESETS, Fidelity, preset
+from fitter.loading import load
+from fitter.pipeline import FitOptions, fit_parts, setting_of, torch_device
+from fitter.progress import Progress
+from fitter.prospects import Observer
+from fitter.result import Result
+from fitter.summary import status_of
+from fitter.viewpoints import viewpoints
+from renderer import gbuffer
+from renderer.errors import InputError
+from renderer.threads import one_thread_per_operation
+
+EXACT = tuple(name for name, fidelity in PRESETS.items() if fidelity.lobe != "taps")
+WHY_EXACT = "the viewer's model sees F0 alone, and follows no photograph closely enough to say where to take another"
+
+DOUBT = "The fit stopped without converging, so that this is a guess."
+
+
+def advise(
+    scene_file: Path,
+    options: FitOptions,
+    result_file: Path | None = None,
+    progress: Progress = lambda stage, share: None,
+) -> Advice:
+    """Rank views that could be taken by how much they would tell. Nothing is written.
+
+    Args:
+        scene_file: `scene.toml`.
+        options: of the fit whose intervals are to shrink; its fidelity is the result's where there is a result.
+        result_file: the scene's `result.json`; without it the scene is fitted first.
+        progress: told the stage and its share done.
+
+    Raises:
+        InputError: about the first thing in the input that is wrong; or the fit is one in the viewer's model.
+    """
+    device = torch_device(options.device)
+    progress("reading", 0)
+    result = None
+    if result_file is not None:
+        result = read_earlier_result(result_file)
+        options = replace(options, fidelity=_fidelity_of(result, result_file))
+    _require_exact(options.fidelity)
+    loaded = load(scene_file)
+    if result is not None and result_file is not None:
+        require_of_scene(result, result_file, loaded, scene_file)
+    with one_thread_per_operation():
+        trace = gbuffer.tracer(loaded.shape)
+        setting = setting_of(loaded, options, device)
+        if result is None:
+            parts = fit_parts(loaded, trace, setting, options, progress, scene_file)
+            found = tuple(part.material for part in parts)
+            status = status_of([part.choice for part in parts], found)
+        else:
+            found, status = result.materials, result.status
+        cameras = [photograph.camera for photograph in loaded.photographs]
+        places = viewpoints(cameras, [photograph.camera for photograph in loaded.scene.photographs], loaded.shape)
+        observer = Observer(trace, setting, loaded.photographs, loaded.materials, progress)
+        prospects = observer.prospects(found, [place.camera for place in places])
+    advice = advice_of(prospects, places, [photograph.name for photograph in loaded.photographs])
+    return advice if status != "stopped" else advice.model_copy(update={"message": f"{DOUBT} {advice.message}"})
+
+
+def _fidelity_of(result: Result, file: Path) -> Fidelity:
+    """The fidelity that a result was fitted at."""
+    name, lobe = result.model.fidelity, result.model.lobe
+    if name not in EXACT or lobe not in ("ggx", "beckmann"):
+        raise InputError(file, "model.fidelity", f"{name} with {lobe}", f"{' or '.join(EXACT)}: {WHY_EXACT}")
+    return preset(name, lobe)
+
+
+def _require_exact(fidelity: Fidelity) -> None:
+    if fidelity.lobe == "taps":
+        raise InputError("--fidelity", value=fidelity.name, expected=f"{' or '.join(EXACT)}: {WHY_EXACT}")

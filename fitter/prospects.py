@@ -1,0 +1,156 @@
+"""How much narrower a material's intervals would be with each of many further photographs."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from statistics import median
+
+import torch
+from jaxtyping import Bool, Float
+from torch import Tensor
+
+from fitter.advice import Prospect, Ratios
+from fitter.earlier_result import material_of
+from fitter.fidelity import MICROFACET_RANGE, PRESETS
+from fitter.information import Told, covariance, relative_noise, told_by
+from fitter.parameters import Coordinates, GlossyCoordinates, Interval, MatteCoordinates, MetalCoordinates
+from fitter.photographs import Photograph
+from fitter.progress import Progress
+from fitter.result import FittedMaterial, MaterialType
+from fitter.sampled_view import View, sampled_views
+from fitter.search import DIELECTRIC
+from fitter.setting import Setting
+from fitter.summary import QUANTITIES
+from renderer import gbuffer
+from renderer.camera import Camera
+from renderer.gbuffer import Tracer
+
+ALPHA = Interval(*MICROFACET_RANGE, logarithmic=True)
+COORDINATES: Mapping[MaterialType, Coordinates] = {
+    "metal": MetalCoordinates(ALPHA),
+    "glossy": GlossyCoordinates(ALPHA, DIELECTRIC, channels=1),
+    "matte": MatteCoordinates(channels=1),
+}
+PIXELS = 256  # of each imagined picture and material
+TAKEN_PIXELS = 4096  # of all photographs together: their noise is measured with them
+SAMPLES = 64  # directions of each imagined pixel; a derivative needs few, for all levels of alpha share them
+LEVELS, SPAN = 3, 1.1  # of alpha around the one found
+FOOTPRINT = 4  # rays along each side of a pixel, at most
+LEAST_NOISE = 1e-6  # of photographs that have none: the rounding of float32 tables
+TINY = 1e-100  # an error below is none, and its square still a number
+
+Picture = tuple[Camera, Bool[Tensor, "h w"] | None]
+"""Where from, and which pixels count; None for one that was not taken, of which all do."""
+
+
+@dataclass(frozen=True)
+class Observer:
+    """Who looks at an object from everywhere.
+
+    Attributes:
+        trace: of the object.
+        setting: the light, and the fidelity of the fit whose intervals are to shrink.
+        photographs: those that there are.
+        materials: names of the object's materials.
+        progress: told the stage and its share done.
+    """
+
+    trace: Tracer
+    setting: Setting
+    photographs: Sequence[Photograph]
+    materials: Sequence[str]
+    progress: Progress
+
+    def prospects(self, found: Sequence[FittedMaterial], cameras: Sequence[Camera]) -> list[Prospect]:
+        """How the errors of each material found would shrink by a photograph of each camera."""
+        most = max(PIXELS // 4, min(PIXELS, TAKEN_PIXELS // len(self.photographs)))
+        taken = self._sampled([(photograph.camera, photograph.mask) for photograph in self.photographs], most)
+        imagined = self._sampled([(camera, None) for camera in cameras], PIXELS)
+        prospects = []
+        for material in found:
+            index = self.materials.index(material.name)
+            views = [[of_materials[index] for of_materials in each] for each in (taken, imagined)]
+            prospects.append(self._prospect(material, *views))
+        return prospects
+
+    def _sampled(self, pictures: Sequence[Picture], count: int) -> list[list[View]]:
+        """Pixels of each picture, by material."""
+        generator = torch.Generator().manual_seed(self.setting.seed)
+        footprint = min(FOOTPRINT, self.setting.fidelity.footprint)
+        found = []
+        for camera, mask in pictures:
+            self.progress("looking from all round", len(found) / len(pictures))
+            sampled = sampled_views(
+                self.trace,
+                camera,
+                mask,
+                materials=len(self.materials),
+                count=count,
+                footprint=footprint,
+                generator=generator,
+            )
+            found.append(sampled)
+        return found
+
+    def _prospect(self, found: FittedMaterial, taken: Sequence[View], imagined: Sequence[View]) -> Prospect:
+        """Standard errors with one of the imagined views over those without.
+
+        A fit takes a fixed number of pixels from all photographs together: with one more, there are fewer of each.
+        """
+        coordinates = COORDINATES[found.type]
+        x = coordinates.free(material_of(found))
+        told, noise = self._told_by_photographs(taken, coordinates, x)
+        radiance = self._radiance(imagined, coordinates, x, SAMPLES)
+        new = told_by(imagined, radiance, x, [median(noise)] * len(imagined))
+        pixels, count = self.setting.fidelity.pixels, len(taken)
+        present = told.information(pixels / count).sum(0)
+        extended = told.information(pixels / (count + 1)).sum(0) + new.information(pixels / (count + 1))
+
+        def shrunk(information: Float[Tensor, "v x x"]) -> Ratios:
+            return _ratios(present, information, coordinates, x)
+
+        more = PRESETS["reference"].pixels
+        finer = shrunk(told.information(more / count).sum(0)[None]) if pixels < more else None
+        return Prospect(found, shrunk(extended), finer)
+
+    def _told_by_photographs(
+        self, views: Sequence[View], coordinates: Coordinates, x: Float[Tensor, " x"]
+    ) -> tuple[Told, list[float]]:
+        """What the photographs tell, and the noise of each that shows the material."""
+        radiance = self._radiance(views, coordinates, x, self.setting.fidelity.samples)
+        models = radiance(x).split([len(view.pixels) for view in views])
+        noise = []
+        for view, model, photograph in zip(views, models, self.photographs, strict=True):
+            seen = photograph.radiance[tuple(view.pixels.T)].double()
+            noise.append(max(LEAST_NOISE, relative_noise(model, seen)) if len(seen) else torch.inf)
+        return told_by(views, radiance, x, noise), [each for each in noise if each < torch.inf]
+
+    def _radiance(
+        self, views: Sequence[View], coordinates: Coordinates, x: Float[Tensor, " x"], samples: int
+    ) -> Callable[[Tensor], Tensor]:
+        """The radiance of all views' pixels as a function of the free vector, near x; one light table serves them."""
+        surface = gbuffer.concatenate([view.surface for view in views])
+        material = coordinates.material(x)
+        model = self.setting.pixels(surface, body=material.type != "metal")
+        if material.type != "matte":
+            alpha = float(material.roughness)
+
+            def report(share: float) -> None:
+                self.progress("integrating", share)
+
+            model = model.under(self.setting.table(surface, (alpha / SPAN, alpha * SPAN, LEVELS), samples, report))
+        return lambda x: model.radiance(coordinates.material(x))
+
+
+def _ratios(
+    before: Float[Tensor, "x x"], after: Float[Tensor, "v x x"], coordinates: Coordinates, x: Float[Tensor, " x"]
+) -> Ratios:
+    """Standard errors by the information after, over those before."""
+    covariances = [covariance(information, coordinates, x) for information in (before, after)]
+    ratios = {}
+    for key, of_material in QUANTITIES[coordinates.material(x).type].items():
+        gradient = torch.func.jacfwd(lambda x, of=of_material: of(coordinates.material(x)))(x)
+        error, smaller = ((gradient @ each * gradient).sum(-1).sqrt().clamp_min(TINY) for each in covariances)
+        ratios["alpha" if key == "roughness" else key] = smaller / error
+    return ratios
