@@ -13,9 +13,9 @@ from fitter.advice import Advice, advice_of
 from fitter.earlier_result import read_earlier_result, require_of_scene
 from fitter.fidelity import PRESETS, Fidelity, preset
 from fitter.loading import load
+from fitter.observer import Observer
 from fitter.pipeline import FitOptions, fit_parts, setting_of, torch_device
 from fitter.progress import Progress
-from fitter.prospects import Observer
 from fitter.result import Result
 from fitter.summary import status_of
 from fitter.viewpoints import viewpoints

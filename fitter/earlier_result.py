@@ -20,6 +20,9 @@ NUMBERS: Mapping[MaterialType, tuple[str, ...]] = {
 }
 """What makes up each type of material."""
 
+RANGES = {"n": (1e-5, 1e5), "k": (0.0, 1e5), "alpha": (1e-4, 10.0), "color": (0.0, 1.0), "reflectance": (0.0, 1.0)}
+"""Beyond, no fit comes; nor do the formulas keep their digits."""
+
 
 def read_earlier_result(path: Path) -> Result:
     """A result that has materials, with all their numbers.
@@ -32,10 +35,17 @@ def read_earlier_result(path: Path) -> Result:
         raise InputError(path, "materials", "[]", "the materials that were fitted; fit again")
     for index, material in enumerate(result.materials):
         for key in NUMBERS[material.type]:
-            if getattr(material, key) is None:
-                expected = f"a number here, as every {material.type} material has"
-                raise InputError(path, f"materials[{index}].{key}", "null", expected)
+            _require_numbers(getattr(material, key), key, path, f"materials[{index}].{key}")
     return result
+
+
+def _require_numbers(value: float | tuple[float, ...] | None, key: str, path: Path, field: str) -> None:
+    low, high = RANGES[key]
+    numbers = value if isinstance(value, tuple) else (value,)
+    for number in numbers:
+        if number is None or not low <= number <= high:
+            shown = "null" if value is None else value
+            raise InputError(path, field, shown, f"numbers from {low:g} to {high:g}, as a fit writes them")
 
 
 def require_of_scene(result: Result, path: Path, loaded: Loaded, scene_file: Path) -> None:

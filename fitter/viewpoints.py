@@ -54,7 +54,7 @@ def viewpoints(cameras: Sequence[Camera], specs: Sequence[CameraSpec], shape: Sh
         shape: the object.
 
     Returns:
-        the cameras, without those from where there is a photograph already.
+        the cameras, without those from where there is a photograph already, unless there is one everywhere.
     """
     middle, radius = bounding_sphere(shape)
     centre = torch.from_numpy(middle)
@@ -68,11 +68,10 @@ def viewpoints(cameras: Sequence[Camera], specs: Sequence[CameraSpec], shape: Sh
             spec = _spec(origin, centre, up, cameras[typical])
             nearest = int((existing @ direction).argmax())
             angle = angle_between(existing[nearest], direction)
-            if angle >= TOO_NEAR:
-                camera = camera_of(spec, cameras[typical].width, cameras[typical].height)
-                bearing = _bearing(cameras[nearest], direction - existing[nearest])
-                found.append(Viewpoint(spec, camera, nearest, angle, bearing))
-    return found
+            camera = camera_of(spec, cameras[typical].width, cameras[typical].height)
+            bearing = _bearing(cameras[nearest], direction - existing[nearest])
+            found.append(Viewpoint(spec, camera, nearest, angle, bearing))
+    return [viewpoint for viewpoint in found if viewpoint.angle >= TOO_NEAR] or found
 
 
 def lattice(count: int, up: Float[Tensor, "3"]) -> Float[Tensor, "c 3"]:

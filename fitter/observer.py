@@ -10,13 +10,13 @@ import torch
 from jaxtyping import Bool, Float
 from torch import Tensor
 
-from fitter.advice import Prospect, Ratios
 from fitter.earlier_result import material_of
 from fitter.fidelity import MICROFACET_RANGE, PRESETS
 from fitter.information import Told, covariance, relative_noise, told_by
 from fitter.parameters import Coordinates, GlossyCoordinates, Interval, MatteCoordinates, MetalCoordinates
 from fitter.photographs import Photograph
 from fitter.progress import Progress
+from fitter.prospect import Prospect, Ratios
 from fitter.result import FittedMaterial, MaterialType
 from fitter.sampled_view import View, sampled_views
 from fitter.search import DIELECTRIC
@@ -38,6 +38,8 @@ SAMPLES = 64  # directions of each imagined pixel; a derivative needs few, for a
 LEVELS, SPAN = 3, 1.1  # of alpha around the one found
 FOOTPRINT = 4  # rays along each side of a pixel, at most
 LEAST_NOISE = 1e-6  # of photographs that have none: the rounding of float32 tables
+FARTHEST = 30.0  # of a free number, where its domain ends to working precision
+UNSEEN_NOISE = 0.01  # where so few pixels show the material that none is among those looked at
 TINY = 1e-100  # an error below is none, and its square still a number
 
 Picture = tuple[Camera, Bool[Tensor, "h w"] | None]
@@ -99,10 +101,10 @@ class Observer:
         A fit takes a fixed number of pixels from all photographs together: with one more, there are fewer of each.
         """
         coordinates = COORDINATES[found.type]
-        x = coordinates.free(material_of(found))
+        x = coordinates.free(material_of(found)).clamp(-FARTHEST, FARTHEST)
         told, noise = self._told_by_photographs(taken, coordinates, x)
         radiance = self._radiance(imagined, coordinates, x, SAMPLES)
-        new = told_by(imagined, radiance, x, [median(noise)] * len(imagined))
+        new = told_by(imagined, radiance, x, [median(noise or [UNSEEN_NOISE])] * len(imagined))
         pixels, count = self.setting.fidelity.pixels, len(taken)
         present = told.information(pixels / count).sum(0)
         extended = told.information(pixels / (count + 1)).sum(0) + new.information(pixels / (count + 1))
@@ -131,6 +133,8 @@ class Observer:
     ) -> Callable[[Tensor], Tensor]:
         """The radiance of all views' pixels as a function of the free vector, near x; one light table serves them."""
         surface = gbuffer.concatenate([view.surface for view in views])
+        if not len(surface.hit):
+            return lambda x: x.new_zeros(0, 3)
         material = coordinates.material(x)
         model = self.setting.pixels(surface, body=material.type != "metal")
         if material.type != "matte":
