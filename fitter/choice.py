@@ -6,9 +6,11 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+from jaxtyping import Float
 from torch import Tensor
 
-from fitter.residuals import ROBUST_AT, pseudo_huber, relative_weight, scatter
+from fitter.noise import relative_weight, scatter
+from fitter.residuals import ROBUST_AT, huber
 from fitter.result import MaterialType
 from fitter.search import Fit, Problem, draft, fit_material, refined
 
@@ -44,40 +46,45 @@ def fit_type(problem: Problem, kind: MaterialType | None) -> Choice:
     if kind is not None:
         return Choice(fit_material(problem, kind), {kind: 0.0})
     drafts: dict[MaterialType, Fit] = {each: draft(problem, each) for each in KINDS}
-    rough = _criteria(problem, drafts)
-    hopeful: list[MaterialType] = [each for each in KINDS if _is_hopeful(problem, each, rough)]
+    rough = _criteria(drafts)
+    count = drafts["matte"].residuals.photograph.numel()
+    hopeful: list[MaterialType] = [each for each in KINDS if _is_hopeful(each, rough, count)]
     fits: dict[MaterialType, Fit] = {each: refined(problem, drafts[each]) for each in hopeful}
-    criteria = _criteria(problem, fits)
+    criteria = _criteria(fits)
     best = min(criteria, key=criteria.__getitem__)
     return Choice(fits[best], {**rough, **criteria})
 
 
-def _is_hopeful(problem: Problem, kind: MaterialType, rough: Mapping[MaterialType, float]) -> bool:
-    """Whether a draft may win once it is refined.
+def _is_hopeful(kind: MaterialType, rough: Mapping[MaterialType, float], count: int) -> bool:
+    """Whether a draft of so many values may win once it is refined.
 
     Where the matte one is best, none other may: it is a glossy one that mirrors nothing, and if mirroring gained
     nothing by a coarse table, it gains nothing by a fine one.
     """
     if rough["matte"] == 0:
         return kind == "matte"
-    return rough[kind] <= 3 * len(problem.observed.radiance) * math.log(HOPELESS)
+    return rough[kind] <= count * math.log(HOPELESS)
 
 
-def _criteria(problem: Problem, fits: Mapping[MaterialType, Fit]) -> dict[MaterialType, float]:
+def _criteria(fits: Mapping[MaterialType, Fit]) -> dict[MaterialType, float]:
     """Schwarz's Bayesian information criterion of each fit, against the least.
 
         BIC = m ln(Σψ²/m) + p ln m        [Schwarz 1978, for a normal error of unknown scatter]
 
-    m values, p parameters, ψ the robust relative difference to the photographs. Every fit is weighed alike.
+    m values, p parameters, ψ the robust relative difference to the photographs. Every fit is weighed alike; all are
+    fits of the same pixels.
     """
-    seen = problem.observed.radiance
-    weight = relative_weight(seen)
-    differences: dict[MaterialType, Tensor] = {kind: (fit.picture - seen) * weight for kind, fit in fits.items()}
+    differences: dict[MaterialType, Tensor] = {kind: _relative_difference(fit) for kind, fit in fits.items()}
     least = max(min(scatter(each) for each in differences.values()), 1e-9)
     bic: dict[MaterialType, float] = {}
     for kind, difference in differences.items():
         count = difference.numel()
-        mean_square = float(pseudo_huber(difference, ROBUST_AT * least).square().mean())
+        mean_square = float(huber(difference, ROBUST_AT * least).square().mean())
         bic[kind] = count * math.log(max(mean_square, 1e-18)) + len(fits[kind].x) * math.log(count)
     best = min(bic.values())
     return {kind: each - best for kind, each in bic.items()}
+
+
+def _relative_difference(fit: Fit) -> Float[Tensor, "p 3"]:
+    seen = fit.residuals.photograph
+    return (fit.picture - seen) * relative_weight(seen)

@@ -22,11 +22,13 @@ class Fidelity:
         samples: directions per pixel and roughness level in the final table, a multiple of 4; 49 for taps.
         search_samples: the same while the roughness is still unknown.
         pixels: how many are fitted, over all photographs.
+        search_pixels: how many of them while the roughness is still unknown.
         footprint: rays along each side of a pixel.
         search_levels, levels: roughness levels over the whole range, and around the roughness found.
         degree: Chebyshev polynomials for the reflectance.
-        spans: factors around the roughness found, both ways, that the tables after the search span in turn. The 49
-            taps step over texels and so depend on ρ without smoothness: their last span has to be a narrow one.
+        spans: factors around the roughness found, both ways, that the tables after the search span in turn; all but
+            the last are of the search's pixels. The 49 taps step over texels and so depend on ρ without smoothness:
+            their last span has to be a narrow one.
     """
 
     name: str
@@ -35,11 +37,12 @@ class Fidelity:
     samples: int
     search_samples: int
     pixels: int
+    search_pixels: int
     footprint: int
     search_levels: int
     levels: int
     degree: int
-    spans: tuple[float, ...] = (1.25,)
+    spans: tuple[float, ...] = (1.3, 1.1)
 
     def reflectance_of(self, kind: str) -> str:
         """The formula of the reflectance of one type of material."""
@@ -49,10 +52,10 @@ class Fidelity:
 
 
 PRESETS = {
-    "viewer": Fidelity("viewer", "lazanyi", "taps", 49, 49, 4000, 1, 24, 9, 6, (1.25, 1.05, 1.005)),
-    "preview": Fidelity("preview", "conductor", "ggx", 256, 64, 1500, 2, 12, 5, 12),
-    "standard": Fidelity("standard", "conductor", "ggx", 512, 64, 4000, 4, 12, 5, 12),
-    "reference": Fidelity("reference", "conductor", "ggx", 2048, 128, 16000, 8, 14, 7, 16),
+    "viewer": Fidelity("viewer", "lazanyi", "taps", 49, 49, 4000, 4000, 1, 24, 9, 6, (1.25, 1.05, 1.005)),
+    "preview": Fidelity("preview", "conductor", "ggx", 256, 64, 3000, 1000, 2, 12, 5, 12),
+    "standard": Fidelity("standard", "conductor", "ggx", 512, 64, 12000, 1500, 4, 12, 5, 12),
+    "reference": Fidelity("reference", "conductor", "ggx", 2048, 128, 40000, 4000, 8, 14, 7, 16),
 }
 
 

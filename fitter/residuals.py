@@ -1,8 +1,8 @@
-"""One vector of weighted differences between model and photographs."""
+"""One vector of whitened differences between model and photographs."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import torch
 from jaxtyping import Float
@@ -11,54 +11,57 @@ from torch import Tensor
 from fitter.parameters import Coordinates
 from fitter.pixel_model import PixelModel
 
-ROBUST_AT = 5.0  # scatters: a path tracer's noise is skewed, and a nearer threshold would favour its low side
-MAD_TO_SIGMA = 1.4826  # of a normal distribution: 1/Φ⁻¹(¾)
+ROBUST_AT = (
+    6.0  # standard deviations: a path tracer's noise is skewed, and a nearer threshold would favour its low side
+)
 
 
 @dataclass(frozen=True)
 class Residuals:
-    """Weighted, robust differences as a function of the free vector.
+    """Whitened, robust differences as a function of the free vector.
 
     Attributes:
         model: the picture as a function of the material.
         coordinates: the material as a function of the free vector.
         photograph: radiance that was seen.
-        weight: one over the radiance expected at each value.
-        scatter: standard deviation of the weighted differences, as far as it is known.
+        whitening: W of each pixel's noise; see `fitter.noise`.
     """
 
     model: PixelModel
     coordinates: Coordinates
     photograph: Float[Tensor, "p 3"]
-    weight: Float[Tensor, "p 3"]
-    scatter: float
+    whitening: Float[Tensor, "p 3 3"]
 
-    def weighted(self, x: Float[Tensor, " x"]) -> Float[Tensor, "p 3"]:
-        """(model - photograph) · weight."""
-        return (self.model.radiance(self.coordinates.material(x)) - self.photograph) * self.weight
+    @property
+    def halves(self) -> tuple[Residuals, Residuals]:
+        """The same with either half of the light table's samples."""
+        first, second = (replace(self, model=self.model.half(which)) for which in (0, 1))
+        return first, second
+
+    def difference(self, x: Float[Tensor, " x"]) -> Float[Tensor, "p 3"]:
+        """Model less photograph."""
+        return self.model.radiance(self.coordinates.material(x)) - self.photograph
+
+    def whitened(self, x: Float[Tensor, " x"]) -> Float[Tensor, "p 3"]:
+        """The differences, their noise made independent and of variance 1; outliers count by their size alone."""
+        return huber(torch.einsum("prc,pc->pr", self.whitening, self.difference(x)), ROBUST_AT)
+
+    def prior(self, x: Float[Tensor, " x"]) -> Float[Tensor, " q"]:
+        """What is known before any photograph, of variance 1."""
+        return self.coordinates.prior(x)
 
     def __call__(self, x: Float[Tensor, " x"]) -> Float[Tensor, " r"]:
-        """The vector whose sum of squares is minimised: differences of the pictures, and the coordinates' prior."""
-        differences = pseudo_huber(self.weighted(x), ROBUST_AT * self.scatter).flatten()
-        return torch.cat([differences, self.coordinates.prior(x) * self.scatter])
+        """The vector whose sum of squares is minimised: three numbers for each pixel, and the prior's."""
+        return torch.cat([self.whitened(x).flatten(), self.prior(x)])
 
 
-def pseudo_huber(r: Float[Tensor, "*p"], threshold: float) -> Float[Tensor, "*p"]:
-    """Signed root of the pseudo-Huber loss, so that least squares of it is robust.
+def huber(r: Float[Tensor, "*p c"], threshold: float) -> Float[Tensor, "*p c"]:
+    """Vectors, shortened so that least squares of them is robust.
 
-        ½ψ² = t²(√(1 + (r/t)²) - 1),   ψ = r √(2 / (1 + √(1 + (r/t)²)))        [Charbonnier 1997]
+        ½|ψ|² = ½|r|² for |r| ≤ t, else t|r| - ½t²        [Huber 1964, eq. 3.4, for the length of a vector]
 
-    Written as a product, which keeps its digits and its derivative at r = 0.
+    Within the threshold nothing is touched at all, unlike by smooth losses: noise that is skewed keeps its mean.
     """
-    return r * (2 / (1 + (1 + (r / threshold) ** 2).sqrt())).sqrt()
-
-
-def relative_weight(radiance: Float[Tensor, "p 3"], share: float = 0.05) -> Float[Tensor, "p 3"]:
-    """One over the radiance, but no more than 1/`share` over its median: dark pixels hold offsets, not material."""
-    floor = share * radiance.median(0).values
-    return 1 / torch.maximum(radiance, floor.clamp_min(torch.finfo(radiance.dtype).tiny))
-
-
-def scatter(r: Float[Tensor, "*p"]) -> float:
-    """Robust standard deviation, 1.4826 times the median absolute value."""
-    return MAD_TO_SIGMA * float(r.abs().median())
+    squared = r.square().sum(-1, keepdim=True).clamp_min(threshold**2)  # clamped before the root, whose slope at 0 ends
+    share = threshold / squared.sqrt()
+    return r * (share * (2 - share)).sqrt()

@@ -8,19 +8,21 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import torch
-from jaxtyping import Float
+from jaxtyping import Float, Int
 from torch import Tensor
 
 from fitter.catalogue import read_catalogue
 from fitter.fidelity import BLUR_RANGE, MICROFACET_RANGE, Fidelity
 from fitter.parameters import Coordinates, GlossyCoordinates, Interval, MatteCoordinates, MetalCoordinates, tint_of
-from fitter.pixel_model import PixelModel
-from fitter.residuals import Residuals, relative_weight, scatter
+from fitter.pixel_model import PixelModel, central
+from fitter.noise import even_whitening, local_whitening, neighbours_of, relative_weight, scatter
+from fitter.residuals import Residuals
 from fitter.result import MaterialType
 from fitter.selection import Observations
 from fitter.setting import Setting
 from fitter.solve import ROUGH, Solution, Solver
 from fitter.starts import STARTS
+from fitter.uncertainty import unbiased
 from renderer.transport import LightTable
 from shaders import fresnel
 from shaders.materials import Material, Metal
@@ -29,6 +31,7 @@ Progress = Callable[[str, float], None]
 
 SEARCH_SCATTER = 0.03  # of the relative difference, while nothing is known of it yet
 EXACT = 1e-6  # least scatter, where photographs are noiseless and there is nothing but the rounding of float32 tables
+MIDWAY = 4  # times the search's samples, between search and last round
 MORE_ROUNDS = 3  # where the roughness runs into an end of the last span
 DIELECTRIC = Interval(0.0, 0.5)  # reflectance; diamond's is 0.17
 
@@ -63,6 +66,17 @@ class Problem:
         return self.setting.table(self.observed.surface, (*span, levels), samples, report)
 
     @cached_property
+    def coarse(self) -> Problem:
+        """The same with the search's pixels alone."""
+        every = max(1, round(len(self.observed.radiance) / self.fidelity.search_pixels))
+        return self if every == 1 else replace(self, observed=self.observed[::every])
+
+    @cached_property
+    def neighbours(self) -> Int[Tensor, "p q"]:
+        """Of each pixel, those that are most like it."""
+        return neighbours_of(central(self.observed.surface))
+
+    @cached_property
     def search_table(self) -> LightTable:
         """A coarse table over all roughnesses, which all types share."""
         return self.table(self.whole, self.fidelity.search_levels, self.fidelity.search_samples, "searching")
@@ -85,21 +99,16 @@ class Fit:
     """A fit of one type, finished or a draft.
 
     Attributes:
-        material: what was found.
-        x: its free vector.
         residuals: of the last round.
-        halves: the same with either half of the light table's samples.
         solution: how the last round's solver ended.
+        x: the free vector that was found: the solution, freed of the bias that noise in the table brings.
         solve_seconds: time spent in solvers, over all rounds.
     """
 
     residuals: Residuals
     solution: Solution
+    x: Float[Tensor, " x"]
     solve_seconds: float
-
-    @property
-    def x(self) -> Float[Tensor, " x"]:
-        return self.solution.x
 
     @property
     def material(self) -> Material:
@@ -107,9 +116,8 @@ class Fit:
 
     @property
     def halves(self) -> tuple[Residuals, Residuals]:
-        model = self.residuals.model
-        first, second = (replace(self.residuals, model=model.half(which)) for which in (0, 1))
-        return first, second
+        """The same residuals with either half of the light table's samples."""
+        return self.residuals.halves
 
     @cached_property
     def picture(self) -> Float[Tensor, "p 3"]:
@@ -123,16 +131,17 @@ def fit_material(problem: Problem, kind: MaterialType) -> Fit:
 
 
 def draft(problem: Problem, kind: MaterialType) -> Fit:
-    """A first fit from a start that knows nothing, by a coarse table over all roughnesses."""
+    """A first fit from a start that knows nothing, by a coarse table over all roughnesses, to the search's pixels."""
+    problem = problem.coarse
     model, seen = problem.pixels(kind), problem.observed.radiance
     if kind != "matte":
         model = model.under(problem.search_table)
     weight = relative_weight(seen)
     start = STARTS[kind](model, seen, weight)
     coordinates = _coordinates(start, model, problem.fidelity)
-    residuals = Residuals(model, coordinates, seen, weight, SEARCH_SCATTER)
+    residuals = Residuals(model, coordinates, seen, even_whitening(weight, SEARCH_SCATTER))
     solution = problem.solver(residuals, coordinates.free(start), ROUGH)
-    return Fit(residuals, solution, solution.seconds)
+    return Fit(residuals, solution, solution.x, solution.seconds)
 
 
 def refined(problem: Problem, rough: Fit) -> Fit:
@@ -140,33 +149,46 @@ def refined(problem: Problem, rough: Fit) -> Fit:
     fidelity, fit = problem.fidelity, rough
     if isinstance(fit.residuals.coordinates, MatteCoordinates):
         return _next_round(problem, fit, None)
-    spans = [*fidelity.spans, *[fidelity.spans[-1]] * MORE_ROUNDS]
-    for done, factor in enumerate(spans, start=1):
-        span = _span_around(_roughness(fit), factor, problem.whole)
-        table = problem.table(span, fidelity.levels, fidelity.samples, "integrating")
-        fit = _next_round(problem, fit, table)
-        if done >= len(fidelity.spans) and not _at_an_end(_roughness(fit), span, problem.whole):
+    for factor in fidelity.spans[:-1]:
+        fit = _next_round_within(problem.coarse, fit, factor, min(fidelity.samples, MIDWAY * fidelity.search_samples))
+    for _ in range(1 + MORE_ROUNDS):
+        span = _span_around(_roughness(fit), fidelity.spans[-1], problem.whole)
+        fit = _next_round_within(problem, fit, fidelity.spans[-1], fidelity.samples)
+        if not _at_an_end(_roughness(fit), span, problem.whole):
             break
     return fit
 
 
-def _next_round(problem: Problem, before: Fit, table: LightTable | None) -> Fit:
-    """The next problem, its weights and its scatter taken from the material found so far, and its solution.
+def _next_round_within(problem: Problem, before: Fit, factor: float, samples: int) -> Fit:
+    """The next round, by a table from the roughness found so far over the factor to its product with it."""
+    span = _span_around(_roughness(before), factor, problem.whole)
+    return _next_round(problem, before, problem.table(span, problem.fidelity.levels, samples, "integrating"))
 
-    Weights come from that material's picture and not from the photographs: dividing by a noisy value would favour its
-    low outcomes and darken the material by the noise's variance. Only where the lobe is the viewer's, which follows no
-    photograph closely, do they stay with the photographs: a picture far off would weigh its own mistakes.
-    """
-    seen, coordinates = problem.observed.radiance, before.residuals.coordinates
-    model = before.residuals.model.under(table)
-    picture = model.radiance(before.material)
-    weight = before.residuals.weight if problem.fidelity.lobe == "taps" else relative_weight(picture)
-    scattered = scatter((picture - seen) * weight)
+
+def _next_round(problem: Problem, before: Fit, table: LightTable | None) -> Fit:
+    """The next problem, its noise taken from the differences to the material found so far, and its solution."""
+    coordinates, kind = before.residuals.coordinates, before.material.type
+    model = problem.pixels(kind).under(table)
     if table is not None:
         coordinates = replace(coordinates, roughness=_interval(table))  # type: ignore[call-arg]
-    residuals = Residuals(model, coordinates, seen, weight, max(scattered, EXACT))
+    seen = problem.observed.radiance
+    residuals = Residuals(model, coordinates, seen, _whitening(problem, model.radiance(before.material)))
     solution = problem.solver(residuals, coordinates.free(before.material))
-    return Fit(residuals, solution, before.solve_seconds + solution.seconds)
+    x = unbiased(residuals, residuals.halves, solution.x)
+    return Fit(residuals, solution, x, before.solve_seconds + solution.seconds)
+
+
+def _whitening(problem: Problem, picture: Float[Tensor, "p 3"]) -> Float[Tensor, "p 3 3"]:
+    """What is known of the noise from a picture near the photographs.
+
+    Where the lobe is the viewer's, which follows no photograph closely, differences tell of the model and not of
+    noise: then all photographs' pixels weigh relatively alike.
+    """
+    seen = problem.observed.radiance
+    if problem.fidelity.lobe != "taps":
+        return local_whitening(picture - seen, picture, problem.neighbours, EXACT)
+    weight = relative_weight(seen)
+    return even_whitening(weight, max(scatter((picture - seen) * weight), EXACT))
 
 
 def _coordinates(start: Material, model: PixelModel, fidelity: Fidelity) -> Coordinates:

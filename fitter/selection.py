@@ -34,6 +34,9 @@ class Observations:
     radiance: Float[Tensor, "p 3"]
     self_seeing: float
 
+    def __getitem__(self, index: slice) -> Observations:
+        return Observations(self.surface[index], self.radiance[index], self.self_seeing)
+
 
 def choose_pixels(
     photographs: Sequence[Photograph],

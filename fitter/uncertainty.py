@@ -4,16 +4,22 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import torch
 from jaxtyping import Float
 from torch import Tensor
+
+if TYPE_CHECKING:
+    from fitter.residuals import Residuals
 
 Function = Callable[[Tensor], Tensor]
 
 TWO_SIDED_95 = 1.959964  # Φ⁻¹(0.975)
 
 NOTHING = 1e-100  # the precision where nothing moves the residuals at all; its inverse can still be squared
+ROUNDING = 1e-14  # of the largest eigenvalue of an information matrix
+UNBIASED_STEPS = 2  # each leaves the noise's variance, relative to the light, as a share of the error before
 
 # A number counts as determined while the half width of its 95 % interval stays below this share of the value, or
 # below this absolute width: beyond it the interval no longer tells one metal from its neighbours.
@@ -48,39 +54,81 @@ class Spread:
     covariance: Float[Tensor, "x x"]
 
 
-def spread(residual: Function, halves: tuple[Function, Function], x: Float[Tensor, " x"]) -> Spread:
-    """Covariance at a minimum, from the residuals' own scatter and from the integration's error.
+def unbiased(residuals: Residuals, halves: tuple[Residuals, Residuals], x: Float[Tensor, " x"]) -> Tensor:
+    """A least-squares solution, freed of the bias that noise in the light table brings.
 
-        C = (JᵀJ)⁻¹ |r|²/(m - p) + δδᵀ + ββᵀ
-        δ = ½ (s_A - s_B),   β = ½ (s_A + s_B),   s = -J⁺r
+        ½ (J_Aᵀ r_B + J_Bᵀ r_A) = 0
 
-    s_A and s_B are the steps that the parameters would take if only one half of the light table's samples were
-    believed. δ is their chance; β is the bias that noise in the table brings, which least squares takes for exact: a
-    half has twice the noise's variance, so that it is off by twice as much.
-
-    The pseudo-inverse cuts small singular values off at working precision: an undetermined direction has a huge but
-    finite variance.
+    Least squares takes the table for exact. Its noise is in the residuals and in their slopes alike, and their product
+    has a mean: the material comes out too dark by the noise's variance. The slopes of one half of the samples know
+    nothing of the other half's noise, as instruments in regression [Reiersøl 1945].
 
     Args:
-        residual: r, of the whole table.
+        residuals: of the whole table.
         halves: the same of either half.
-        x: the minimum.
+        x: the minimum of the former.
     """
-    inverse, r = _pseudo_inverse(residual, x)
-    variance = (r**2).sum() / max(1, len(r) - len(x))
-    first, second = (-half_inverse @ half for half_inverse, half in (_pseudo_inverse(each, x) for each in halves))
-    chance, bias = 0.5 * (first - second), 0.5 * (first + second)
-    covariance = inverse @ inverse.T * variance + torch.outer(chance, chance) + torch.outer(bias, bias)
-    return Spread(covariance)
+    inverse = _inverse(_information(residuals, x))
+    for _ in range(UNBIASED_STEPS):
+        first, second = (_jacobian(half, x) for half in halves)
+        of_first, of_second = (half(x) for half in halves)
+        x = x - inverse @ (first.T @ of_second + second.T @ of_first) / 2
+    return x
 
 
-def _pseudo_inverse(residual: Function, x: Float[Tensor, " x"]) -> tuple[Float[Tensor, "x r"], Float[Tensor, " r"]]:
-    """J⁺ and r at x; singular values below working precision count as that precision."""
-    jacobian, r = torch.func.jacfwd(residual)(x), residual(x)
-    left, singular, right = torch.linalg.svd(jacobian.nan_to_num(0.0, 0.0, 0.0), full_matrices=False)
-    finfo = torch.finfo(singular.dtype)
-    precision = (singular.max() * max(jacobian.shape) * finfo.eps).clamp_min(NOTHING)
-    return right.T / singular.clamp_min(precision) @ left.T, r
+def spread(residuals: Residuals, halves: tuple[Residuals, Residuals], x: Float[Tensor, " x"]) -> Spread:
+    """Covariance at a solution, from the residuals' own scatter.
+
+        C = H⁻¹ (m/(m - p) Σ_i gᵢgᵢᵀ + P) H⁻¹,   H = Σ_i JᵢᵀJᵢ + P,   gᵢ = Jᵢᵀrᵢ        [White 1982, eq. 3.2]
+
+    i counts the m pixels, whose channels share their noise; P is the prior's part of H. Nothing is taken for granted
+    but that pixels are independent: the noise may differ between them, and need not be what the weights say. The
+    integration's error is independent between pixels, too, and so is within their scatter.
+
+    A direction in which nothing is known has a huge but finite variance.
+
+    Args:
+        residuals: of the whole table.
+        halves: the same of either half.
+        x: the solution.
+    """
+    jacobian = torch.func.jacfwd(residuals.whitened)(x).nan_to_num(0.0, 0.0, 0.0)
+    scores = torch.einsum("prx,pr->px", jacobian, residuals.whitened(x))
+    of_prior = torch.func.jacfwd(residuals.prior)(x)
+    known = of_prior.T @ of_prior
+    freedom = len(scores) / max(1, len(scores) - len(x))
+    information = torch.einsum("prx,pry->xy", jacobian, jacobian) + known
+    inverse = _inverse(information)
+    return Spread(inverse @ (scores.T @ scores * freedom + known) @ inverse + _unknown(information))
+
+
+def _jacobian(residuals: Residuals, x: Float[Tensor, " x"]) -> Float[Tensor, "r x"]:
+    return torch.func.jacfwd(residuals)(x).nan_to_num(0.0, 0.0, 0.0)
+
+
+def _information(residuals: Residuals, x: Float[Tensor, " x"]) -> Float[Tensor, "x x"]:
+    """JᵀJ."""
+    jacobian = _jacobian(residuals, x)
+    return jacobian.T @ jacobian
+
+
+def _inverse(information: Float[Tensor, "x x"]) -> Float[Tensor, "x x"]:
+    """Its inverse; 0 in directions of which nothing is known."""
+    known, directions, _ = _directions(information)
+    return directions / torch.where(known > 0, known, torch.inf) @ directions.T
+
+
+def _unknown(information: Float[Tensor, "x x"]) -> Float[Tensor, "x x"]:
+    """The variance of what nothing is known of: that of the rounding, and no more."""
+    known, directions, rounding = _directions(information)
+    return directions * torch.where(known > 0, 0.0, 1 / rounding) @ directions.T
+
+
+def _directions(information: Float[Tensor, "x x"]) -> tuple[Float[Tensor, " x"], Float[Tensor, "x x"], Tensor]:
+    """Eigenvalues, those within rounding 0; eigenvectors; and what rounding is."""
+    values, vectors = torch.linalg.eigh(information)
+    rounding = (values.max() * ROUNDING).clamp_min(NOTHING)
+    return torch.where(values > rounding, values, 0.0), vectors, rounding
 
 
 def standard_errors(quantity: Function, x: Float[Tensor, " x"], spread: Spread) -> Float[Tensor, " q"]:

@@ -1,0 +1,89 @@
+"""The noise of the photographs at each pixel, by how it will be weighed.
+
+A whitening W of a pixel turns the difference of three channels, of covariance C, into three numbers of variance 1:
+WᵀW = C⁻¹. Channels of one pixel share most of their noise (a path tracer's are made of the same paths, a lamp's
+flicker is white), so that their ratios are known far better than themselves; only the whole covariance says so.
+"""
+
+from __future__ import annotations
+
+import torch
+from jaxtyping import Float, Int
+from torch import Tensor
+
+from renderer.gbuffer import GBuffer
+
+MAD_TO_SIGMA = 1.4826  # of a normal distribution: 1/Φ⁻¹(¾)
+NEIGHBOURS = 32  # their 3 × 3 covariance costs a tenth of what is to be known, and they still lie within one lamp
+APART = 3.0  # of view directions against normals, as distances: pixels of one photograph are neighbours first
+OUTLIER = 10.0  # median distances beyond which a neighbour counts no more for being still further off
+
+
+def relative_weight(radiance: Float[Tensor, "p 3"], share: float = 0.05) -> Float[Tensor, "p 3"]:
+    """One over the radiance, but no more than 1/`share` over its median: dark pixels hold offsets, not material."""
+    return 1 / _level(radiance, share)
+
+
+def scatter(r: Float[Tensor, "*p"]) -> float:
+    """Robust standard deviation, 1.4826 times the median absolute value."""
+    return MAD_TO_SIGMA * float(r.abs().median())
+
+
+def even_whitening(weight: Float[Tensor, "p 3"], scatter: float) -> Float[Tensor, "p 3 3"]:
+    """W of noise that is independent between channels and `scatter` wherever it is weighed so."""
+    return torch.diag_embed(weight / scatter)
+
+
+def local_whitening(
+    difference: Float[Tensor, "p 3"],
+    picture: Float[Tensor, "p 3"],
+    neighbours: Int[Tensor, "p q"],
+    least: float,
+) -> Float[Tensor, "p 3 3"]:
+    """W of each pixel, from the relative differences that its neighbours show, whitened by Cholesky's factor.
+
+    The pixel itself has no say: a weight that knew its own noise would favour one side of it. So is its brightness
+    taken from its neighbours.
+
+    Args:
+        difference: between model and photographs.
+        picture: the model's, which says how bright each pixel is.
+        neighbours: their indices; see `neighbours_of`.
+        least: relative standard deviation below which no noise is believed.
+    """
+    level = _level(picture, 0.05)
+    of_neighbours = _without_outliers((difference / level)[neighbours])
+    covariance = torch.einsum("pqi,pqj->pij", of_neighbours, of_neighbours) / of_neighbours.shape[1]
+    covariance = covariance + least**2 * torch.eye(3, dtype=covariance.dtype)
+    lower = torch.linalg.cholesky(covariance)
+    brightness = level[neighbours].mean(1)
+    return torch.linalg.solve_triangular(lower, torch.diag_embed(1 / brightness), upper=False)
+
+
+def neighbours_of(surface: GBuffer, count: int = NEIGHBOURS) -> Int[Tensor, "p q"]:
+    """The pixels that see the surface and its surroundings most alike: by normal and view, each one's own left out.
+
+    Args:
+        surface: [p] rays.
+        count: neighbours wanted; there are fewer where there are fewer pixels, and a lone pixel is its own.
+    """
+    from scipy.spatial import KDTree
+
+    place = torch.cat([surface.normal, APART * surface.view], -1).numpy()
+    count = min(count, len(place) - 1)
+    if count < 1:
+        return torch.zeros(len(place), 1, dtype=torch.long)
+    return torch.from_numpy(KDTree(place).query(place, count + 1)[1][:, 1:])
+
+
+def _level(radiance: Float[Tensor, "p 3"], share: float) -> Float[Tensor, "p 3"]:
+    """The radiance, no less than a share of its median."""
+    floor = share * radiance.median(0).values
+    return torch.maximum(radiance, floor.clamp_min(torch.finfo(radiance.dtype).tiny))
+
+
+def _without_outliers(difference: Float[Tensor, "p q 3"]) -> Float[Tensor, "p q 3"]:
+    """Differences beyond `OUTLIER` times the neighbourhood's median length, cut to that."""
+    length = difference.norm(dim=-1)
+    most = OUTLIER * length.median(1, keepdim=True).values
+    return difference * (most / torch.maximum(length, most).clamp_min(1e-300))[..., None]
