@@ -6,20 +6,23 @@
 #   make slow      the tests that take minutes
 #   make check     style, types and the direction of imports, without running anything
 #   make bench     accuracy and time, as the README states them
+#   make bench-recovery   n, k, F0 and alpha of many metals against the truth and the bound; hours at first
 #   make clean     remove everything that these have made
 #
 # Needed beforehand: Python 3.11 or newer; for `fit-material view` the OpenGL libraries, which are installed where that
 # is allowed. Settings, each as in `make install PYTHON=/opt/python/bin/python3`:
 #
 #   PYTHON   the Python to make .venv from
+#   JOBS     fits at a time, of bench-recovery
 #   TORCH    what pip installs torch from; another build of it: TORCH="torch==2.13.0 --index-url ADDRESS"
 
 TORCH = torch==2.13.0
+JOBS = 1
 
 bin = .venv/bin
 installed = .venv/installed
 
-.PHONY: help install demo test slow check bench clean
+.PHONY: help install demo test slow check bench bench-recovery clean
 
 help:
 	@sed -n '/^$$/q; s/^# \{0,1\}//p' Makefile
@@ -47,6 +50,11 @@ check: $(installed)
 
 bench: $(installed)
 	$(bin)/python -m tests.bench
+
+# Photographs and fits are kept in ~/.cache/fit-material: what was interrupted goes on where it was.
+bench-recovery: $(installed)
+	OMP_NUM_THREADS=1 $(bin)/python -m tests.bench --jobs $(JOBS) \
+		recovery-grid recovery-noise recovery-spot recovery-coverage
 
 clean:
 	rm -rf .venv build demo bench *.egg-info .pytest_cache .ruff_cache .hypothesis

@@ -1,49 +1,91 @@
-"""`python -m tests.bench [PART …]`: prints Markdown; without names the parts in `USUAL`. An unknown name lists all."""
+"""`python -m tests.bench [PART …] [OPTIONS]`: prints Markdown; without names the parts in `USUAL`."""
 
 from __future__ import annotations
 
+import argparse
 import os
 import sys
+from collections.abc import Callable, Iterator
 from functools import partial
 
 from renderer.to_mitsuba import variant_here
-from tests.bench import agreement, frame, loop, parity, recovery, types
-from tests.bench.photographs import SHAPES
+from tests.bench import agreement, coverage, frame, grid, loop, parity, recovery, types
+from tests.bench.fits import How
+from tests.bench.grid import Selection
+from tests.bench.photographs import ALPHAS, ENVIRONMENTS, METALS, SHAPES
 from tests.bench.setting import SHARED, header
 
-PARTS = {
-    "agreement": ("Agreement with Mitsuba", agreement.rows),
-    "recovery": ("Recovery and cost of the fit command", recovery.command_rows),
-    "types": ("Recovery and choice of the type", types.rows),
-    "types-4096": ("Recovery and choice of the type, less noise", partial(types.rows, spp=4096)),
-    "loop": ("From photographs to the viewer's picture", loop.rows),
-    "parity": ("GLSL against torch", parity.rows),
-    "frame": ("Time of a picture", frame.rows),
-    "real": ("Recovery under real environments", recovery.real_rows),
-    **{
-        f"real-{shape}": (f"Recovery under real environments: {shape}", partial(recovery.real_rows, shapes=(shape,)))
-        for shape in SHAPES
-    },
-}
 USUAL = ("agreement", "recovery", "types", "loop", "parity", "frame")
+
+Parts = dict[str, tuple[str, Callable[[str], Iterator[str]]]]
 
 
 def main() -> None:
     """Run the parts that are named."""
-    names = sys.argv[1:] or USUAL
-    unknown = set(names) - set(PARTS)
-    if unknown or not SHARED.is_dir():
-        listed = f"unknown {', '.join(sorted(unknown))}; there are {', '.join(PARTS)}"
-        sys.exit(f"bench: {listed}" if unknown else f"bench: needs {SHARED}")
+    asked = _arguments()
+    if not SHARED.is_dir():
+        sys.exit(f"bench: needs {SHARED}")
     os.environ.setdefault(frame.THREADS, "1")  # llvmpipe reads it once, when the first part makes a context
     variant = variant_here()
     print(header(), flush=True)
-    for name in names:
-        title, rows = PARTS[name]
+    for name in asked.parts or USUAL:
+        title, rows = parts(asked)[name]
         print(f"## {title}\n", flush=True)
         for row in rows(variant):
             print(row, flush=True)
         print(flush=True)
+
+
+def parts(asked: argparse.Namespace) -> Parts:
+    """All parts by name: a title, and a function from Mitsuba's variant to lines."""
+    whole = _selection(asked, grid.METALS, grid.ALPHAS)
+    fewer = _selection(asked, METALS, ALPHAS)
+    return {
+        "agreement": ("Agreement with Mitsuba", agreement.rows),
+        "recovery": ("Recovery and cost of the fit command", recovery.command_rows),
+        "recovery-grid": ("Recovery: metals, roughnesses, environments", partial(grid.rows, selection=whole)),
+        "recovery-noise": ("Recovery, noise added", partial(grid.rows, selection=whole, noise=grid.NOISE)),
+        "recovery-spot": ("Recovery: Spot", partial(grid.spot, selection=whole)),
+        "recovery-coverage": ("Coverage of the intervals", partial(coverage.rows, selection=whole)),
+        "types": ("Recovery and choice of the type", types.rows),
+        "types-4096": ("Recovery and choice of the type, less noise", partial(types.rows, spp=4096)),
+        "loop": ("From photographs to the viewer's picture", loop.rows),
+        "parity": ("GLSL against torch", parity.rows),
+        "frame": ("Time of a picture", frame.rows),
+        "real": (
+            "Recovery: a sphere and two meshes, 512 samples",
+            partial(grid.every_shape, selection=fewer, shapes=asked.shapes, spp=512),
+        ),
+    }
+
+
+def _selection(asked: argparse.Namespace, metals: tuple[str, ...], alphas: tuple[float, ...]) -> Selection:
+    how = How(asked.type, asked.fidelity)
+    return Selection(asked.metals or metals, asked.alphas or alphas, asked.environments, how, asked.jobs, asked.repeats)
+
+
+def _arguments() -> argparse.Namespace:
+    def listed(text: str) -> tuple[str, ...]:
+        return tuple(text.split(","))
+
+    def numbers(text: str) -> tuple[float, ...]:
+        return tuple(map(float, listed(text)))
+
+    parser = argparse.ArgumentParser("python -m tests.bench", description=__doc__)
+    parser.add_argument("parts", nargs="*", metavar="PART")
+    parser.add_argument("--metals", type=listed, metavar="Au,Fe", help="symbols of the catalogue")
+    parser.add_argument("--alphas", type=numbers, metavar="0.05,0.2")
+    parser.add_argument("--environments", type=listed, default=ENVIRONMENTS, metavar=",".join(ENVIRONMENTS))
+    parser.add_argument("--shapes", type=listed, default=tuple(SHAPES), metavar=",".join(SHAPES), help="of real")
+    parser.add_argument("--type", default="auto", help="what the fits of a grid are told")
+    parser.add_argument("--fidelity", default="standard", help="of the fits of a grid")
+    parser.add_argument("--jobs", type=int, default=1, help="fits at a time")
+    parser.add_argument("--repeats", type=int, default=coverage.MOST, help="draws of noise for the coverage")
+    asked = parser.parse_args()
+    unknown = set(asked.parts) - set(parts(asked))
+    if unknown:
+        parser.error(f"unknown {', '.join(sorted(unknown))}; there are {', '.join(parts(asked))}")
+    return asked
 
 
 if __name__ == "__main__":

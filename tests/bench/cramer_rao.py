@@ -95,7 +95,7 @@ def _informations(case: Case, variant: str) -> tuple[np.ndarray, np.ndarray]:
 
 def _geometry(case: Case) -> SynthOptions:
     """What the photographs of all metals and noises have in common."""
-    nobody = TrueMetal((1.0,) * 3, (1.0,) * 3, case.alpha)
+    nobody = TrueMetal((1.0, 1.0, 1.0), (1.0, 1.0, 1.0), case.alpha)
     return replace(case.options(""), material=nobody, noise=0.0, spp=1)
 
 

@@ -78,7 +78,7 @@ def _moments(runs: Float[np.ndarray, "m h w 4"]) -> dict[str, np.ndarray]:
     mean = runs[..., :3].mean(0, dtype=np.float64)
     off = (runs[..., :3] - mean).astype(np.float32)
     covariance = SAMPLES / (len(runs) - 1) * np.einsum("mhwi,mhwj->hwij", off, off)
-    covered = (runs[..., 3] >= COVERED).all(0)
+    covered = np.all(runs[..., 3] >= COVERED, axis=0)
     return {"mean": mean.astype(np.float32), "covariance": covariance, "covered": covered}
 
 
@@ -93,8 +93,8 @@ def _smooth(
     known = covered & (mean > 0).all(-1)
     relative = np.where(known[..., None, None], covariance / np.where(scale > 0, scale, 1), 0.0)
     size = (1, window, window)
-    count = uniform_filter(known.astype(float), size, mode="constant")
-    total = uniform_filter(relative, (*size, 1, 1), mode="constant")
+    count = uniform_filter(known.astype(float), size, mode="constant")  # type: ignore[arg-type] — a size per axis
+    total = uniform_filter(relative, (*size, 1, 1), mode="constant")  # type: ignore[arg-type]
     averaged = total / np.where(known, count, 1)[..., None, None]
     freedom = np.where(known, (PASSES - 1) * np.rint(count * window**2), 0.0)
     return Noise(mean, averaged * scale, freedom)

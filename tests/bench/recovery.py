@@ -1,4 +1,4 @@
-"""True and recovered numbers of metals photographed by Mitsuba, and what the fit cost."""
+"""What the fit command costs, and what it finds of a few metals photographed by Mitsuba; `grid` has many more."""
 
 from __future__ import annotations
 
@@ -11,9 +11,8 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from fitter.pipeline import FitOptions, fit_scene
 from fitter.result import Result, read_result
-from tests.bench.photographs import ALPHAS, ENVIRONMENTS, METALS, SHAPES, Case, truth_of
+from tests.bench.photographs import ALPHAS, METALS, Case, truth_of
 from tests.bench.setting import spread
 
 
@@ -51,22 +50,6 @@ def command_rows(variant: str) -> Iterator[str]:
     yield f"- peak resident memory: {spread([outcome.bytes / 2**20 for outcome in outcomes])} MiB"
 
 
-def real_rows(variant: str, shapes: Sequence[str] = tuple(SHAPES)) -> Iterator[str]:
-    """Every environment, metal and roughness on each of the shapes, in this process."""
-    outcomes = [
-        _here(Case(metal, alpha, environment, shape), variant)
-        for shape in shapes
-        for environment in ENVIRONMENTS
-        for metal in METALS
-        for alpha in ALPHAS
-    ]
-    yield from _table(outcomes)
-    for shape in shapes:
-        yield ""
-        yield f"{shape}:"
-        yield from _extremes([outcome for outcome in outcomes if outcome.case.shape == shape])
-
-
 def _by_command(case: Case, variant: str) -> Outcome:
     scene = case.scene(variant)
     with tempfile.TemporaryDirectory() as folder:
@@ -78,14 +61,6 @@ def _by_command(case: Case, variant: str) -> Outcome:
         process.returncode = os.waitstatus_to_exitcode(status)
         result = read_result(Path(folder) / "result.json")
     return Outcome(case, result, truth_of(scene), seconds, usage.ru_maxrss * 1024)
-
-
-def _here(case: Case, variant: str) -> Outcome:
-    scene = case.scene(variant)
-    with tempfile.TemporaryDirectory() as folder:
-        begun = time.perf_counter()
-        result = fit_scene(scene, Path(folder), FitOptions())
-    return Outcome(case, result, truth_of(scene), time.perf_counter() - begun)
 
 
 def _table(outcomes: Sequence[Outcome]) -> Iterator[str]:

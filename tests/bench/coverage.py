@@ -1,0 +1,120 @@
+"""How often 95 % intervals hold the truth: noise drawn again and again, every draw fitted in this process.
+
+The choice of pixels and the integration draw anew each time, too: their errors are part of what intervals promise.
+"""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from functools import lru_cache, partial
+from typing import Literal
+
+import numpy as np
+import torch
+from jaxtyping import Float
+
+from fitter.loading import load
+from fitter.pipeline import fit_parts, setting_of
+from renderer import gbuffer
+from renderer.atomic import write_bytes_atomically
+from renderer.threads import one_thread_per_operation
+from tests.bench.estimates import Estimate, estimate_of, true_numbers
+from tests.bench.fits import How, in_processes
+from tests.bench.grid import NAMES, NOISE, Selection, share
+from tests.bench.noise import pictures_of
+from tests.bench.photographs import MEASURED, Case
+
+SIZE = 64
+CASES = (Case("Au", 0.2, "studio_small_03", size=SIZE), Case("Fe", 0.1, "rooitou_park", size=SIZE))
+NEARLY_CLEAN, NOISY = 16384, 256  # samples a pixel: a tenth of the noise that is added to it; and as much as that
+MOST = 200  # renders that are kept
+SEED = 40_000
+
+
+@dataclass(frozen=True)
+class Draws:
+    """One case photographed again and again: with normal noise added each time, or traced by other paths."""
+
+    case: Case
+    kind: Literal["added", "traced"]
+    variant: str
+    how: How
+
+    @property
+    def title(self) -> str:
+        noise = f"{NOISE:.0%} added to {NEARLY_CLEAN} spp" if self.kind == "added" else f"Mitsuba's, {NOISY} spp"
+        return f"{self.case.label} | {noise}"
+
+
+def rows(variant: str, selection: Selection) -> Iterator[str]:
+    """Lines of a Markdown table."""
+    yield f"Sphere, 3 views of {SIZE}², {selection.repeats} draws; {selection.how}."
+    yield "Share of intervals that hold the truth ± binomial error; mean and root mean square of error over stated σ."
+    yield ""
+    yield "| case | noise | number | in 95 % interval | mean error/σ | rms error/σ |"
+    yield "|---|---|---|---|---|---|"
+    kinds: tuple[Literal["added", "traced"], ...] = ("added", "traced")
+    for case in CASES:
+        for kind in kinds:
+            yield from _table(Draws(case, kind, variant, selection.how), selection)
+
+
+def _table(draws: Draws, selection: Selection) -> Iterator[str]:
+    _photographs(draws)  # before there are several processes
+    found = list(in_processes(partial(_fitted, draws), range(min(selection.repeats, MOST)), selection.jobs))
+    truth = true_numbers(draws.case)
+    holds = np.stack([each.holds(truth) for each in found])
+    deviations = np.stack([each.deviation(truth) for each in found])
+    for index, name in enumerate(NAMES):
+        yield f"| {draws.title} | {name} | {share(holds[:, index])} | {_moments(deviations[:, index])} |"
+    yield f"| {draws.title} | **all** | {share(holds)} | {_moments(deviations)} |"
+
+
+def _moments(deviations: np.ndarray) -> str:
+    return f"{np.nanmean(deviations):+.2f} | {np.nanmean(deviations**2) ** 0.5:.2f}"
+
+
+def _fitted(draws: Draws, index: int) -> Estimate:
+    """The fit of one draw."""
+    case = replace(draws.case, spp=NEARLY_CLEAN)
+    scene = case.scene(draws.variant)
+    loaded = load(scene)
+    drawn = _draw(draws, index)
+    photographs = [
+        replace(photograph, radiance=torch.from_numpy(pixels))
+        for photograph, pixels in zip(loaded.photographs, drawn, strict=True)
+    ]
+    options = draws.how.options(seed=index)
+    setting = setting_of(loaded, options, torch.device("cpu"))
+    trace = gbuffer.tracer(loaded.shape)
+    with one_thread_per_operation():
+        again = replace(loaded, photographs=tuple(photographs))
+        (part,) = fit_parts(again, trace, setting, options, lambda stage, done: None, scene)
+    return estimate_of(part.material)
+
+
+def _draw(draws: Draws, index: int) -> Float[np.ndarray, "v h w 3"]:
+    if draws.kind == "traced":
+        return _photographs(draws)[index]
+    clean = _photographs(draws)
+    noise = np.random.default_rng([SEED, index]).normal(size=clean.shape)
+    return (clean * (1 + NOISE * noise)).astype(np.float32)
+
+
+@lru_cache(maxsize=1)
+def _photographs(draws: Draws) -> Float[np.ndarray, "*d v h w 3"]:
+    """The nearly clean photographs, or all of the traced ones, which are kept beside them."""
+    case = replace(draws.case, spp=NEARLY_CLEAN)
+    scene = case.scene(draws.variant)
+    if draws.kind == "added":
+        return np.stack([photograph.radiance.numpy() for photograph in load(scene).photographs])
+    kept = scene.with_name(f"traced-{MOST}x{NOISY}{MEASURED}")
+    if not kept.exists():
+        views = pictures_of(case, draws.variant, [NOISY] * MOST, SEED)
+        file = io.BytesIO()
+        np.savez(file, pixels=np.stack([np.stack([picture[..., :3] for picture in view]) for view in views], 1))
+        write_bytes_atomically(kept, file.getvalue())
+    with np.load(kept) as found:
+        return found["pixels"]

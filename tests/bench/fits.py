@@ -1,0 +1,67 @@
+"""Fits by today's code, kept outside the tree so that a benchmark can go on where it was stopped."""
+
+from __future__ import annotations
+
+import hashlib
+import multiprocessing
+import os
+import tempfile
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from typing import TypeVar
+
+from fitter.fidelity import preset
+from fitter.pipeline import FitOptions, fit_scene
+from fitter.result import Result, read_result
+from renderer.atomic import write_bytes_atomically
+from tests.bench.setting import CACHE, ROOT
+
+Item = TypeVar("Item")
+Made = TypeVar("Made")
+
+
+@dataclass(frozen=True)
+class How:
+    """What a fit is told: as a user would by default, if not otherwise."""
+
+    type: str = "auto"
+    fidelity: str = "standard"
+
+    def options(self, seed: int = 0) -> FitOptions:
+        """As `fit_scene` takes them."""
+        return FitOptions(preset(self.fidelity), seed=seed, type=self.type)
+
+
+def result_of(scene: Path, how: How) -> Result:
+    """The result of a scene; fitted where the same code has not done so before."""
+    kept = CACHE / "fits" / _code() / f"{scene.parent.name}-{how.type}-{how.fidelity}.json"
+    if not kept.exists():
+        kept.parent.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryDirectory() as folder:
+            fit_scene(scene, Path(folder), how.options())
+            write_bytes_atomically(kept, (Path(folder) / "result.json").read_bytes())
+    return read_result(kept)
+
+
+def in_processes(work: Callable[[Item], Made], items: Iterable[Item], jobs: int) -> Iterator[Made]:
+    """`map`, by so many processes at a time; in this one where they are 1."""
+    if jobs == 1:
+        yield from map(work, items)
+        return
+    os.environ.setdefault("OMP_NUM_THREADS", "1")
+    with ProcessPoolExecutor(jobs, mp_context=multiprocessing.get_context("spawn")) as pool:
+        yield from pool.map(work, items)
+
+
+@cache
+def _code() -> str:
+    """A name for all code and data that a fit depends on, as they were when it was first asked for."""
+    paths = sorted(path for name in ("shaders", "renderer", "fitter") for path in (ROOT / name).rglob("*"))
+    digest = hashlib.sha256()
+    for path in paths:
+        if path.suffix in (".py", ".csv"):
+            digest.update(path.read_bytes())
+    return digest.hexdigest()[:16]
