@@ -15,6 +15,7 @@ from renderer.visibility import sees_itself
 
 ANGLE_BINS = 16  # of equal width in n·v, as `selection.choose_pixels` spreads its pixels
 LOOKED_AT = 4096  # pixels of a picture whose centres are traced, to know how many it has of each angle
+MIRRORED = 4  # times as many pixels are asked whether they mirror the object: of a hollow one, most do
 
 Pixels = Int[Tensor, "p 2"]
 """Row and column."""
@@ -65,37 +66,52 @@ def sampled_views(
     chosen = _strata(total, LOOKED_AT, generator)
     pixels = _pixel(chosen, camera.width) if allowed is None else allowed.nonzero()[chosen]
     centres = gbuffer.pixel_footprints(trace, camera, pixels[:, 1], pixels[:, 0], 1)[:, 0]
+    picture = _Picture(trace, camera, allowed is None, footprint, generator)
     each = total / max(1, len(chosen))  # pixels of the picture that one of these stands for
     found = []
     for material in range(materials):
         own = (centres.front & (centres.material == material)).nonzero()[:, 0]
         own = own[torch.randperm(len(own), generator=generator)]
-        n_dot_v = centres[own].n_dot_v
-        own = own[_first_of_each_bin(n_dot_v, count)]
-        in_picture = each * histogram(_bin_of(n_dot_v))
-        found.append(_whole(trace, camera, pixels[own], centres[own], in_picture, material, footprint, allowed is None))
+        found.append(picture.of_material(pixels[own], centres[own], each, count, material))
     return found
 
 
-def _whole(
-    trace: Tracer,
-    camera: Camera,
-    pixels: Pixels,
-    centres: GBuffer,
-    in_picture: Float[Tensor, " bins"],
-    material: int,
-    footprint: int,
-    imagined: bool,
-) -> View:
-    """Those of a sample that a fit could use; of the picture's pixels as large a share."""
-    mirroring = sees_itself(trace, centres) if len(pixels) else torch.zeros(0, dtype=torch.bool)
-    surface = gbuffer.pixel_footprints(trace, camera, pixels[:, 1], pixels[:, 0], footprint)
-    usable = (surface.front & (surface.material == material)).all(-1)
-    if imagined or not mirroring.all():
-        usable = usable & ~mirroring
-    angle_bin = _bin_of(centres.n_dot_v)
-    share = histogram(angle_bin[usable]) / histogram(angle_bin).clamp_min(1)
-    return View(surface[usable], pixels[usable], angle_bin[usable], in_picture * share)
+@dataclass(frozen=True)
+class _Picture:
+    """Where from, whether it was only imagined, and how its pixels are traced."""
+
+    trace: Tracer
+    camera: Camera
+    imagined: bool
+    footprint: int
+    generator: torch.Generator
+
+    def of_material(self, pixels: Pixels, centres: GBuffer, each: float, count: int, material: int) -> View:
+        """Some of a material's pixels that a fit could use; and of each angle as large a share of the picture's."""
+        available = each * histogram(_bin_of(centres.n_dot_v))
+        for usable, most in ((self._free, MIRRORED * count), (self._whole, count)):
+            tried = _first_of_each_bin(centres.n_dot_v, most)
+            pixels, centres = pixels[tried], centres[tried]
+            kept = usable(pixels, centres, material)
+            angle_bin = _bin_of(centres.n_dot_v)
+            available = available * histogram(angle_bin[kept]) / histogram(angle_bin).clamp_min(1)
+            pixels, centres = pixels[kept], centres[kept]
+        return View(self._rays(pixels), pixels, _bin_of(centres.n_dot_v), available)
+
+    def _free(self, pixels: Pixels, centres: GBuffer, material: int) -> Bool[Tensor, " p"]:
+        """Which do not mirror the object itself; all, in a photograph that was taken and has no others."""
+        if not len(pixels):
+            return torch.zeros(0, dtype=torch.bool)
+        mirroring = sees_itself(self.trace, centres)
+        return mirroring if mirroring.all() and not self.imagined else ~mirroring
+
+    def _whole(self, pixels: Pixels, centres: GBuffer, material: int) -> Bool[Tensor, " p"]:
+        """Which lie on the material's front wholly."""
+        surface = self._rays(pixels)
+        return (surface.front & (surface.material == material)).all(-1)
+
+    def _rays(self, pixels: Pixels) -> GBuffer:
+        return gbuffer.pixel_footprints(self.trace, self.camera, pixels[:, 1], pixels[:, 0], self.footprint)
 
 
 def _strata(total: int, most: int, generator: torch.Generator) -> Int[Tensor, " c"]:
