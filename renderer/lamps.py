@@ -79,7 +79,12 @@ def sampling_density(environment: Environment) -> Float[Tensor, "h w"]:
 
 def _z_order(height: int, width: int) -> Int[np.ndarray, " t"]:
     """Indices row · width + column of all texels, sorted along a Z-order curve [Morton 1966]."""
-    row, column = np.divmod(np.arange(height * width, dtype=np.uint64), np.uint64(width))
+    return along_z_order(*np.divmod(np.arange(height * width), width))
+
+
+def along_z_order(row: Int[np.ndarray, " t"], column: Int[np.ndarray, " t"]) -> Int[np.ndarray, " t"]:
+    """Indices that sort places of a grid, rows and columns from 0, along a Z-order curve."""
+    row, column = row.astype(np.uint64), column.astype(np.uint64)
     return np.argsort(_spread_bits(row) << np.uint64(1) | _spread_bits(column), kind="stable").astype(np.int64)
 
 

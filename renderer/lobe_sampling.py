@@ -30,14 +30,11 @@ class LightSampler:
 
 @dataclass(frozen=True)
 class Frames:
-    """Per sample: cos_v, and the world components of the tangent, bitangent and normal, each [p, s]."""
+    """Per sample: cos_v, sin_v, and the world components of the tangent, bitangent and normal, each [p, s]."""
 
     cos_v: Float[Tensor, "p s"]
+    sin_v: Float[Tensor, "p s"]
     axes: tuple[tuple[Tensor, Tensor, Tensor], ...]
-
-    @property
-    def sin_v(self) -> Float[Tensor, "p s"]:
-        return ((1 - self.cos_v) * (1 + self.cos_v)).sqrt()
 
     def to_local(self, x: Tensor, y: Tensor, z: Tensor) -> tuple[Tensor, ...]:
         return tuple(x * axis[0] + y * axis[1] + z * axis[2] for axis in self.axes)
@@ -51,14 +48,16 @@ def frames(surface: GBuffer, ray: Tensor) -> Frames:
     """Local frames in which the view lies in the xz plane, for the ray of the footprint that each sample takes."""
     normal, view, cos_v = surface.normal, surface.view, surface.n_dot_v
     tangent = view - cos_v[..., None] * normal
+    # From float64: a cosine in float32 does not tell the small angles that a narrow lobe resolves.
+    sin_v = tangent.norm(dim=-1)
     # Looking straight down any tangent will do: take one that is surely not parallel to the normal.
     axis = torch.nn.functional.one_hot(normal.abs().argmin(-1), 3).to(normal)
     fallback = torch.linalg.cross(normal, axis)
-    tangent = torch.where(tangent.norm(dim=-1, keepdim=True) > 1e-9, tangent, fallback)
+    tangent = torch.where(sin_v[..., None] > 1e-9, tangent, fallback)
     tangent = torch.nn.functional.normalize(tangent, dim=-1)
     bitangent = torch.linalg.cross(normal, tangent)
     axes = tuple(tuple(axis[:, ray, i].float().contiguous() for i in range(3)) for axis in (tangent, bitangent, normal))
-    return Frames(cos_v[:, ray].float().clamp(1e-6, 1), axes)  # type: ignore[arg-type]
+    return Frames(cos_v[:, ray].float().clamp(1e-6, 1), sin_v[:, ray].float(), axes)  # type: ignore[arg-type]
 
 
 @dataclass(frozen=True)

@@ -22,6 +22,7 @@ from torch import Tensor
 from renderer import chebyshev, cubemap
 from renderer.cubemap import Cubemap
 from renderer.environment import Environment
+from renderer.fused_table import fused_available, integrate_fused
 from renderer.gbuffer import GBuffer
 from renderer.lobe_sampling import Directions, Frames, LightSampler, Points, draw_lamps, draw_lobe, frames
 from renderer.threads import map_in_threads
@@ -96,6 +97,7 @@ def microfacet_table(
     samples: int,
     seed: int,
     progress: Progress = lambda share: None,
+    fused: bool | None = None,
 ) -> LightTable:
     """Light through a GGX or Beckmann lobe with Smith shadowing, from above the horizon.
 
@@ -112,11 +114,40 @@ def microfacet_table(
         samples: directions per pixel and level, a multiple of 4.
         seed: of the shifts; the same seed gives the same table.
         progress: told the share that is done, in (0, 1].
+        fused: whether one compiled kernel does it, see `renderer.fused_table`; by default on the CPU where it can.
 
     Returns:
         the table, float32, on the CPU.
     """
-    low, high, count = alphas
+    groups = _neighbours(levels(*alphas, "log"))
+    if fused is None:
+        fused = environment.radiance.device.type == "cpu" and fused_available()
+    integrate = integrate_fused if fused else _integrate
+    table = integrate(
+        surface,
+        environment,
+        groups,
+        distribution=distribution,
+        degree=degree,
+        samples=samples,
+        seed=seed,
+        progress=progress,
+    )
+    return LightTable(table, *alphas[:2], "log")
+
+
+def _integrate(
+    surface: GBuffer,
+    environment: Environment,
+    groups: list[list[float]],
+    *,
+    distribution: lobe.Distribution,
+    degree: int,
+    samples: int,
+    seed: int,
+    progress: Progress,
+) -> Float[Tensor, "2 a p b 3"]:
+    """The table's light in torch, on the environment's device."""
     pixels, device = len(surface.hit), environment.radiance.device
     sampler = LightSampler.of(environment)
     points = Points.draw(samples // 2, surface.hit.shape[1], seed, device)
@@ -128,7 +159,7 @@ def microfacet_table(
         u1, u2 = points.shifted(len(frame.cos_v), generator)
         towards_lamps = draw_lamps(sampler, frame, generator)
         made = []
-        for alphas in _neighbours(levels(low, high, count, "log")):
+        for alphas in groups:
             drawn_at = math.sqrt(alphas[0] * alphas[-1])
             from_lobe, from_lamps = (
                 _moments(_shares(frame, drawn, drawn_at, alphas, distribution), drawn, degree)
@@ -141,8 +172,7 @@ def microfacet_table(
     for chunk in map_in_threads(integrate, range(0, pixels, step)):
         chunks.append(chunk)
         progress(min(1.0, len(chunks) * step / pixels))
-    table = torch.cat(chunks, 2)
-    return LightTable(table, low, high, "log")
+    return torch.cat(chunks, 2)
 
 
 def tap_table(surface: GBuffer, environment: Cubemap, rhos: tuple[float, float, int]) -> LightTable:

@@ -1,0 +1,167 @@
+"""The kernel of `renderer.fused_table`: the sums over one half of the samples of one pixel."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import drjit as dr
+import torch
+from drjit.llvm import Array3f, Array4f, Float, UInt32
+from jaxtyping import Float as Floats
+from jaxtyping import Int as Ints
+from torch import Tensor
+
+from renderer.fused_light import FusedLight, Looked
+from renderer.fused_lobe import View, reflected, sample_visible_normals, visible_normal_density
+from renderer.fused_random import Draws
+from shaders.lobe import Distribution
+
+
+@dataclass(frozen=True)
+class Frame:
+    """The axes of one ray's local frame, in which the view lies in the xz plane, and the view."""
+
+    tangent: Array3f
+    bitangent: Array3f
+    normal: Array3f
+    view: View
+
+    @staticmethod
+    def fetch(packed: Float, ray: Any) -> Frame:
+        first, second = (dr.gather(Array4f, packed, 2 * ray + half) for half in (0, 1))
+        tangent, normal = Array3f(*first[:3]), Array3f(*second[:3])
+        return Frame(tangent, dr.cross(normal, tangent), normal, View(first[3], second[3]))
+
+    def to_world(self, local: Array3f) -> Array3f:
+        return local.x * self.tangent + local.y * self.bitangent + local.z * self.normal
+
+    def to_local(self, world: Array3f) -> Array3f:
+        return Array3f(*(dr.dot(world, axis) for axis in (self.tangent, self.bitangent, self.normal)))
+
+
+@dataclass(frozen=True)
+class Directions:
+    """Directions to the light: half vector, cosines of light and half vector against normal and view, and the light.
+
+    `oversampling` is the density really drawn over the one looked up; 1 for directions that the lobe drew.
+    """
+
+    h: Array3f
+    cos_l: Any
+    cos_d: Any
+    looked: Looked
+    oversampling: Any
+
+
+@dataclass(frozen=True)
+class Group:
+    """Roughnesses that share directions, and the one for which these are drawn."""
+
+    drawn_at: Float
+    alphas: tuple[Float, ...]
+
+    @staticmethod
+    def of(alphas: Sequence[float]) -> Group:
+        middle = math.sqrt(alphas[0] * alphas[-1])
+        return Group(dr.opaque(Float, middle), tuple(dr.opaque(Float, alpha) for alpha in alphas))
+
+
+def moments(
+    light: FusedLight,
+    frames: Floats[Tensor, "p k 8"],
+    numbers: Ints[Tensor, " p"],
+    groups: Sequence[Sequence[float]],
+    distribution: Distribution,
+    degree: int,
+    samples: int,
+    seed: int,
+) -> Floats[Tensor, "2 a p b 3"]:
+    """Means of T_b(2 cos_d - 1) · light over each half of the samples, of all roughnesses of the groups.
+
+    Args:
+        frames: of `fused_table.packed_frames`.
+        numbers: of the pixels; a pixel's random numbers follow from its number and the seed alone.
+    """
+    pixels, rays = frames.shape[:2]
+    packed, per_pixel = Float(frames.flatten().numpy()), dr.opaque(UInt32, rays)
+    thread = dr.arange(UInt32, 2 * pixels)
+    draws = Draws.of(numbers.repeat_interleave(2), thread & 1, samples, rays, seed)
+    lobes = [Group.of(alphas) for alphas in groups]
+
+    def body(i: Any, sums: list[Any]) -> tuple[Any, list[Any]]:
+        u1, u2, ray = draws.lobe(i)
+        frame = Frame.fetch(packed, (thread >> 1) * per_pixel + ray)
+        from_light = _from_light(light, frame, *draws.light(i))
+        polar = dr.sqrt(u1), *dr.sincos(2 * math.pi * u2)
+        terms = [
+            term for group in lobes for term in _terms(light, frame, group, polar, from_light, distribution, degree)
+        ]
+        return i + 1, [total + term for total, term in zip(sums, terms, strict=True)]
+
+    levels = sum(map(len, groups))
+    sums = [dr.zeros(Float, 2 * pixels) for _ in range(levels * degree * 3)]
+    start = dr.zeros(UInt32, 2 * pixels), sums
+    _, sums = dr.while_loop(start, lambda i, sums: i < draws.count, body, label="samples")
+    means = [total / Float(draws.count) for total in sums]
+    dr.eval(means)
+    table = torch.stack([torch.from_numpy(mean.numpy()) for mean in means])
+    return table.reshape(levels, degree, 3, pixels, 2).permute(4, 0, 3, 1, 2)
+
+
+def _from_lobe(light: FusedLight, frame: Frame, h: Array3f) -> Directions:
+    cos_d = dr.clip(frame.view.sin * h.x + frame.view.cos * h.z, 0, 1)
+    local = 2 * cos_d * h - Array3f(frame.view.sin, 0, frame.view.cos)
+    return Directions(h, local.z, cos_d, light.at(*frame.to_world(local)), 1)
+
+
+def _from_light(light: FusedLight, frame: Frame, share: Any, low_bits: tuple[Any, Any]) -> Directions:
+    towards, looked, drawn = light.draw(share, low_bits)
+    local = frame.to_local(Array3f(*towards))
+    h = local + Array3f(frame.view.sin, 0, frame.view.cos)
+    h *= dr.rsqrt(dr.maximum(dr.squared_norm(h), 1e-12))
+    cos_d = dr.clip(frame.view.sin * h.x + frame.view.cos * h.z, 0, 1)
+    return Directions(h, local.z, cos_d, looked, drawn / looked.density)
+
+
+def _terms(
+    light: FusedLight,
+    frame: Frame,
+    group: Group,
+    polar: tuple[Any, Any, Any],
+    from_light: Directions,
+    distribution: Distribution,
+    degree: int,
+) -> list[Any]:
+    """What a direction drawn from the lobe and one from the light add: by roughness, polynomial and channel."""
+    from_lobe = _from_lobe(light, frame, sample_visible_normals(frame.view, group.drawn_at, *polar))
+    first, second = (_weighted(frame.view, drawn, group, distribution) for drawn in (from_lobe, from_light))
+    bases = [_polynomials(2 * drawn.cos_d - 1, degree) for drawn in (from_lobe, from_light)]
+    return [
+        dr.fma(p, one, q * other)
+        for lit in zip(first, second, strict=True)
+        for p, q in zip(*bases, strict=True)
+        for one, other in zip(*lit, strict=True)
+    ]
+
+
+def _weighted(view: View, drawn: Directions, group: Group, distribution: Distribution) -> list[list[Any]]:
+    """The light of a direction in each lobe, by roughness and channel; see `renderer.transport` for the density."""
+    density = visible_normal_density(view, drawn.h, group.drawn_at) + drawn.looked.density
+    weight = dr.rcp(density * drawn.oversampling)
+    above = drawn.cos_l > 0
+    found = []
+    for alpha in group.alphas:
+        share = dr.select(above, reflected(view, drawn.cos_l, drawn.h, alpha, distribution) * weight, 0)
+        found.append([share * channel for channel in drawn.looked.radiance])
+    return found
+
+
+def _polynomials(x: Any, count: int) -> list[Any]:
+    """T_0(x) … T_{count-1}(x), as `renderer.chebyshev.polynomials` has them."""
+    values = [Float(1), x]
+    while len(values) < count:
+        values.append(dr.fma(2 * x, values[-1], -values[-2]))
+    return values[:count]

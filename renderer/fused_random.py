@@ -1,0 +1,85 @@
+"""Random numbers inside a Dr.Jit kernel, each a function of pixel, sample and seed alone."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import drjit as dr
+import torch
+from drjit.llvm import Array4f, Float, UInt32
+from jaxtyping import Int
+from torch import Tensor
+
+from renderer.lobe_sampling import Points
+
+
+@dataclass(frozen=True)
+class Draws:
+    """The numbers by which one half of the samples of one pixel is drawn.
+
+    Attributes:
+        points: u1, u2 and ray of each of the lobe's Sobol points, and a filler: a kernel fetches four at once.
+        count: of each kind of directions in one half.
+        stratum: 2³² over the number of directions from the light, each of which has its own part of it.
+        half: 0 or 1.
+        pixel: number of the pixel.
+        seed: of all numbers.
+    """
+
+    points: Float
+    count: Any
+    stratum: Any
+    half: Any
+    pixel: Any
+    seed: Any
+
+    @staticmethod
+    def of(numbers: Int[Tensor, " t"], half: Any, samples: int, rays: int, seed: int) -> Draws:
+        """Those of the pixels with these numbers, one for each thread."""
+        points = Points.draw(samples // 2, rays, seed, torch.device("cpu"))
+        packed = torch.stack([points.u1, points.u2, points.ray.float(), torch.zeros_like(points.u1)], -1)
+        count, stratum = (dr.opaque(UInt32, number) for number in (samples // 4, 2**32 // (samples // 2)))
+        pixel = UInt32(numbers.numpy().astype("uint32"))
+        return Draws(Float(packed.flatten().numpy()), count, stratum, half, pixel, dr.opaque(UInt32, seed % 2**32))
+
+    def lobe(self, i: Any) -> tuple[Any, Any, Any]:
+        """u1 and u2 of the lobe's sample i, shifted for each pixel [Cranley & Patterson 1976], and its ray."""
+        first, second, ray, _ = dr.gather(Array4f, self.points, self.half * self.count + i)
+        shifts = hashed(self.pixel, 2**32 - 1, self.seed)
+        shifted = (number + _unit(shift) for number, shift in zip((first, second), shifts, strict=False))
+        u1, u2 = (number - dr.floor(number) for number in shifted)
+        return u1, u2, UInt32(ray)
+
+    def light(self, i: Any) -> tuple[Any, tuple[Any, Any]]:
+        """Where in all light, of 2³², the light's sample i lies, and two numbers in [0, 1] for the place in a texel.
+
+        Even strata are one half's, odd ones the other's, so that each half covers all of the light; a shift by up to
+        two strata makes both alike.
+        """
+        offset, _, _ = hashed(self.pixel, 2**32 - 2, self.seed)
+        sample = 2 * i + self.half
+        jitter, u1, u2 = hashed(self.pixel, sample, self.seed)
+        shift = _share(jitter, self.stratum) + 2 * _share(offset, self.stratum)
+        return sample * self.stratum + shift, (_unit(u1), _unit(u2))
+
+
+def hashed(x: Any, y: Any, z: Any) -> tuple[Any, Any, Any]:
+    """Three independent integers below 2³² from three: pcg3d [Jarzynski & Olano 2020]."""
+    x, y, z = _mixed(*(UInt32(value) * 1664525 + 1013904223 for value in (x, y, z)))
+    return _mixed(*(value ^ (value >> 16) for value in (x, y, z)))
+
+
+def _mixed(x: Any, y: Any, z: Any) -> tuple[Any, Any, Any]:
+    x = x + y * z
+    y = y + z * x
+    return x, y, z + x * y
+
+
+def _share(number: Any, whole: Any) -> Any:
+    """A random integer below 2³² brought into the range below another."""
+    return dr.mul_hi(number, whole)
+
+
+def _unit(number: Any) -> Any:
+    return Float(number) * 2**-32

@@ -1,0 +1,107 @@
+"""Light tables integrated by one compiled kernel: what `renderer.transport` sums in torch, some twenty times sooner.
+
+A thread of the kernel is one half of one pixel's samples. It walks through them once, and keeps in its registers the
+sums that the table is made of; nothing is stored per sample.
+"""
+
+from __future__ import annotations
+
+import functools
+import math
+from collections.abc import Callable, Iterator, Sequence
+
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from renderer.environment import Environment
+from renderer.gbuffer import GBuffer
+from renderer.lamps import along_z_order
+from renderer.lobe_sampling import frames
+from shaders import lobe
+
+Progress = Callable[[float], None]
+
+_SAMPLES = 1 << 23  # of all levels in one launch: half a second, after which Ctrl-C and progress are heard
+_RAYS = 1 << 18  # in one launch: bounds the memory to some 150 MB beside the table itself
+_PIXELS = 256  # in one launch at least: fewer leave cores idle
+_CELLS = 64  # rows of the grid by which pixels are put in order
+_LEVELS = 6  # levels to one kernel: their 36 sums per level and dozen of polynomials still fit the first cache
+
+
+@functools.cache
+def fused_available() -> bool:
+    """Whether Dr.Jit finds LLVM's library, by which it compiles the kernel."""
+    import drjit as dr
+
+    return bool(dr.has_backend(dr.JitBackend.LLVM))
+
+
+def integrate_fused(
+    surface: GBuffer,
+    environment: Environment,
+    groups: Sequence[Sequence[float]],
+    *,
+    distribution: lobe.Distribution,
+    degree: int,
+    samples: int,
+    seed: int,
+    progress: Progress = lambda share: None,
+) -> Float[Tensor, "2 a p b 3"]:
+    """Light through a GGX or Beckmann lobe, at roughnesses in groups that share directions.
+
+    Args:
+        surface: [p, k] rays inside each of p pixels, all on the front of the object.
+        environment: the light, on the CPU.
+        groups: roughnesses, ascending; one group's directions are drawn for their middle.
+        distribution: "ggx" or "beckmann".
+        degree: number of Chebyshev polynomials for the reflectance.
+        samples: directions per pixel and level, a multiple of 4.
+        seed: of the shifts; the same seed gives the same table.
+        progress: told the share that is done, in (0, 1].
+
+    Returns:
+        two halves of the samples, roughness level, pixel, Chebyshev degree, channel; float32, on the CPU.
+    """
+    from renderer.fused_kernel import moments
+    from renderer.fused_light import fused_light
+
+    light, order, levels = fused_light(environment), _by_mirrored_view(surface), sum(map(len, groups))
+    pixels, rays = surface.hit.shape
+    step = max(_PIXELS, min(_SAMPLES // (samples * levels), _RAYS // rays))
+    table = torch.empty(2, levels, pixels, degree, 3)
+    for start in range(0, pixels, step):
+        chosen = order[start : start + step]
+        part = packed_frames(surface[chosen])
+        made = [moments(light, part, chosen, batch, distribution, degree, samples, seed) for batch in _batches(groups)]
+        table[:, :, chosen] = torch.cat(made, 1)
+        progress(min(1.0, (start + step) / pixels))
+    return table
+
+
+def packed_frames(surface: GBuffer) -> Float[Tensor, "p k 8"]:
+    """Of each ray its tangent, sin_v, normal, cos_v: twice the four numbers that a kernel fetches at once."""
+    rays = torch.arange(surface.hit.shape[1])
+    frame = frames(surface, rays)
+    tangent, _, normal = frame.axes
+    return torch.stack([*tangent, frame.sin_v, *normal, frame.cos_v], -1)
+
+
+def _by_mirrored_view(surface: GBuffer) -> Tensor:
+    """Order in which pixels that see about the same part of the surroundings follow each other, and share a cache."""
+    normal, view = surface.normal[:, 0], surface.view[:, 0]
+    mirrored = 2 * (normal * view).sum(-1, keepdim=True) * normal - view
+    row = mirrored[:, 1].clamp(-1, 1).acos() * (_CELLS / math.pi)
+    column = torch.atan2(mirrored[:, 0], -mirrored[:, 2]) * (_CELLS / math.pi) + _CELLS
+    return torch.from_numpy(along_z_order(row.long().numpy(), column.long().numpy()))
+
+
+def _batches(groups: Sequence[Sequence[float]]) -> Iterator[list[Sequence[float]]]:
+    """Groups that one kernel takes together, because all of them count the directions drawn from the light."""
+    batch: list[Sequence[float]] = []
+    for group in groups:
+        if batch and sum(map(len, batch)) + len(group) > _LEVELS:
+            yield batch
+            batch = []
+        batch.append(group)
+    yield batch
