@@ -55,7 +55,7 @@ PRESETS = {
     "viewer": Fidelity("viewer", "lazanyi", "taps", 49, 49, 4000, 4000, 1, 24, 9, 6, (1.25, 1.05, 1.005)),
     "preview": Fidelity("preview", "conductor", "ggx", 256, 64, 3000, 1000, 2, 12, 5, 12),
     "standard": Fidelity("standard", "conductor", "ggx", 512, 64, 12000, 1500, 4, 12, 5, 12),
-    "reference": Fidelity("reference", "conductor", "ggx", 2048, 128, 40000, 4000, 8, 14, 7, 16),
+    "reference": Fidelity("reference", "conductor", "ggx", 2048, 128, 40000, 4000, 7, 14, 7, 16),
 }
 
 

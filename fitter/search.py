@@ -13,9 +13,9 @@ from torch import Tensor
 
 from fitter.catalogue import read_catalogue
 from fitter.fidelity import BLUR_RANGE, MICROFACET_RANGE, Fidelity
+from fitter.noise import even_whitening, local_whitening, neighbours_of, relative_weight, scatter
 from fitter.parameters import Coordinates, GlossyCoordinates, Interval, MatteCoordinates, MetalCoordinates, tint_of
 from fitter.pixel_model import PixelModel, central
-from fitter.noise import even_whitening, local_whitening, neighbours_of, relative_weight, scatter
 from fitter.residuals import Residuals
 from fitter.result import MaterialType
 from fitter.selection import Observations

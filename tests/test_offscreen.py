@@ -135,8 +135,11 @@ def test_antialiasing_is_the_mean_over_a_regular_grid_of_the_pixel(gl):
     camera = Camera(TILTED, 24, 24, fov=45.0)
     drawn = render(model, camera, constant_light(1.0, 1.0, 1.0), sky=False, antialias=side)[..., 3]
     row, column = (index.flatten() for index in torch.meshgrid(torch.arange(24), torch.arange(24), indexing="ij"))
-    rays = gbuffer.pixel_footprints(gbuffer.tracer(model.mesh), camera, column, row, side)
-    expected = rays.hit.double().mean(-1).reshape(24, 24).numpy()
+    inside = (torch.arange(side, dtype=torch.float64) + 0.5) / side
+    rows, columns = (row + dy for dy in inside), [column + dx for dx in inside]
+    rays = [camera.rays(x, y) for y in rows for x in columns]
+    trace = gbuffer.tracer(model.mesh)
+    expected = torch.stack([trace(*each).hit for each in rays]).double().mean(0).reshape(24, 24).numpy()
     assert ((expected > 0) & (expected < 1)).sum() > 50
     assert (np.abs(drawn - expected) > 1e-6).sum() <= 2
 
