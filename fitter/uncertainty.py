@@ -19,6 +19,7 @@ TWO_SIDED_95 = 1.959964  # Φ⁻¹(0.975)
 
 NOTHING = 1e-100  # the precision where nothing moves the residuals at all; its inverse can still be squared
 ROUNDING = 1e-14  # of the largest eigenvalue of an information matrix
+MOST_BIAS = 3.0  # standard errors that a step may take: of few pixels, halves know too little to be followed further
 UNBIASED_STEPS = 2  # each leaves the noise's variance, relative to the light, as a share of the error before
 
 # A number counts as determined while the half width of its 95 % interval stays below this share of the value, or
@@ -54,29 +55,33 @@ class Spread:
     covariance: Float[Tensor, "x x"]
 
 
-def unbiased(residuals: Residuals, halves: tuple[Residuals, Residuals], x: Float[Tensor, " x"]) -> Tensor:
+def unbiased(residuals: Residuals, x: Float[Tensor, " x"]) -> Float[Tensor, " x"]:
     """A least-squares solution, freed of the bias that noise in the light table brings.
 
-        ½ (J_Aᵀ r_B + J_Bᵀ r_A) = 0
+        ½ (J_Aᵀ r_B + J_Bᵀ r_A) + ∇ prior = 0
 
     Least squares takes the table for exact. Its noise is in the residuals and in their slopes alike, and their product
     has a mean: the material comes out too dark by the noise's variance. The slopes of one half of the samples know
     nothing of the other half's noise, as instruments in regression [Reiersøl 1945].
 
     Args:
-        residuals: of the whole table.
-        halves: the same of either half.
-        x: the minimum of the former.
+        residuals: of the whole table, whose halves are independent.
+        x: their minimum.
     """
-    inverse = _inverse(_information(residuals, x))
+    if residuals.model.table is None:
+        return x
+    whitening = residuals.robust_whitening(x)
+    jacobian, of_prior = torch.matmul(whitening, residuals.slope(x)), torch.func.jacfwd(residuals.prior)(x)
+    inverse = _inverse(_information(jacobian, of_prior))
     for _ in range(UNBIASED_STEPS):
-        first, second = (_jacobian(half, x) for half in halves)
-        of_first, of_second = (half(x) for half in halves)
-        x = x - inverse @ (first.T @ of_second + second.T @ of_first) / 2
+        slopes = [torch.matmul(whitening, half.slope(x)) for half in residuals.halves]
+        rows = [torch.einsum("prc,pc->pr", whitening, half.difference(x)) for half in residuals.halves]
+        crossed = [torch.einsum("prx,pr->x", *pair) for pair in zip(slopes, reversed(rows), strict=True)]
+        x = x - inverse @ (sum(crossed) / 2 + of_prior.T @ residuals.prior(x))
     return x
 
 
-def spread(residuals: Residuals, halves: tuple[Residuals, Residuals], x: Float[Tensor, " x"]) -> Spread:
+def spread(residuals: Residuals, x: Float[Tensor, " x"]) -> Spread:
     """Covariance at a solution, from the residuals' own scatter.
 
         C = H⁻¹ (m/(m - p) Σ_i gᵢgᵢᵀ + P) H⁻¹,   H = Σ_i JᵢᵀJᵢ + P,   gᵢ = Jᵢᵀrᵢ        [White 1982, eq. 3.2]
@@ -89,27 +94,22 @@ def spread(residuals: Residuals, halves: tuple[Residuals, Residuals], x: Float[T
 
     Args:
         residuals: of the whole table.
-        halves: the same of either half.
         x: the solution.
     """
-    jacobian = torch.func.jacfwd(residuals.whitened)(x).nan_to_num(0.0, 0.0, 0.0)
-    scores = torch.einsum("prx,pr->px", jacobian, residuals.whitened(x))
-    of_prior = torch.func.jacfwd(residuals.prior)(x)
-    known = of_prior.T @ of_prior
+    whitening, of_prior = residuals.robust_whitening(x), torch.func.jacfwd(residuals.prior)(x)
+    jacobian = torch.matmul(whitening, residuals.slope(x))
+    scores = torch.einsum("prx,prc,pc->px", jacobian, whitening, residuals.difference(x))
     freedom = len(scores) / max(1, len(scores) - len(x))
-    information = torch.einsum("prx,pry->xy", jacobian, jacobian) + known
+    information = _information(jacobian, of_prior)
     inverse = _inverse(information)
-    return Spread(inverse @ (scores.T @ scores * freedom + known) @ inverse + _unknown(information))
+    scattered = scores.T @ scores * freedom + of_prior.T @ of_prior
+    return Spread(inverse @ scattered @ inverse + _unknown(information))
 
 
-def _jacobian(residuals: Residuals, x: Float[Tensor, " x"]) -> Float[Tensor, "r x"]:
-    return torch.func.jacfwd(residuals)(x).nan_to_num(0.0, 0.0, 0.0)
-
-
-def _information(residuals: Residuals, x: Float[Tensor, " x"]) -> Float[Tensor, "x x"]:
-    """JᵀJ."""
-    jacobian = _jacobian(residuals, x)
-    return jacobian.T @ jacobian
+def _information(jacobian: Float[Tensor, "p r x"], of_prior: Float[Tensor, "q x"]) -> Float[Tensor, "x x"]:
+    """JᵀJ of the pixels and of the prior."""
+    rows = jacobian.flatten(0, 1)
+    return rows.T @ rows + of_prior.T @ of_prior
 
 
 def _inverse(information: Float[Tensor, "x x"]) -> Float[Tensor, "x x"]:
