@@ -24,6 +24,9 @@ from fitter.view_command import view
 from renderer.errors import InputError
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from fitter.result import FittedMaterial
     from renderer.truth import ShadingModel, TrueMaterial
 
 BEGUN = time.perf_counter()
@@ -58,6 +61,11 @@ class TypeName(enum.StrEnum):
     metal = "metal"
     glossy = "glossy"
     matte = "matte"
+
+
+class PriorName(enum.StrEnum):
+    none = "none"
+    catalogue = "catalogue"
 
 
 class ModelName(enum.StrEnum):
@@ -178,13 +186,16 @@ def fit(
     ] = TypeName.auto,
     fidelity: Annotated[FidelityName, typer.Option(help="How accurately, for how much time.")] = FidelityName.standard,
     lobe: Annotated[LobeName, typer.Option(help="Distribution of the microfacets.")] = LobeName.ggx,
+    prior: Annotated[
+        PriorName, typer.Option(help="What stands in for n and k that the photographs leave open.")
+    ] = PriorName.none,
     solver: Annotated[SolverName, typer.Option(help="Least squares by which method.")] = SolverName.lm,
     seed: Seed = 0,
     device: Annotated[str, typer.Option(help="Where light is integrated: cpu, cuda, cuda:1 …")] = "cpu",
     quiet: Quiet = False,
 ) -> None:
     """Fit the material of a scene; writes result.json, report.html and two MTL files."""
-    code = _fit(scene, out, type_.value, fidelity.value, lobe.value, solver.value, seed, device, quiet)
+    code = _fit(scene, out, type_.value, fidelity.value, lobe.value, prior.value, solver.value, seed, device, quiet)
     raise typer.Exit(code)
 
 
@@ -273,7 +284,7 @@ def demo(out: Out = Path("demo"), quiet: Quiet = False) -> None:
     options = SynthOptions(gold, size=128, spp=512)
     with progress_bar(quiet) as progress:
         scene = synthesise(options, out / "photographs", progress)
-    code = _fit(scene, out, "metal", "standard", "ggx", "lm", 0, "cpu", quiet, begun=time.perf_counter())
+    code = _fit(scene, out, "metal", "standard", "ggx", "none", "lm", 0, "cpu", quiet, begun=time.perf_counter())
     say(f"truth: {out / 'photographs' / 'truth.json'}")
     raise typer.Exit(code)
 
@@ -325,6 +336,7 @@ def _fit(
     kind: str,
     fidelity: str,
     lobe: str,
+    prior: str,
     solver: str,
     seed: int,
     device: str,
@@ -340,7 +352,7 @@ def _fit(
             import fitter.bridge  # noqa: F401 — its imports are start-up, not solving
         command = shlex.join(["fit-material", *sys.argv[1:]])
         chosen = preset(fidelity, lobe)  # type: ignore[arg-type] — a value of LobeName
-        options = FitOptions(chosen, solver, seed, device, command, kind)
+        options = FitOptions(chosen, solver, seed, device, command, kind, prior)  # type: ignore[arg-type] — PriorName's
         result = fit_scene(scene, out, options, progress, begun)
     _print_result(result, out)
     return DONE if result.status == "converged" else NO_MATERIAL
@@ -351,17 +363,23 @@ def _print_result(result, out: Path) -> None:
         nearest = f", most like {material.nearest[0].name}" if material.nearest else ""
         say(f"{material.name}: {material.type}{nearest}")
         for key in ("n", "k", "color", "reflectance", "f0", "alpha", "roughness"):
-            values, errors = getattr(material, key), getattr(material.stderr, key)
-            if values is None:
-                continue
-            pairs = zip(values, errors, strict=True) if isinstance(values, tuple) else [(values, errors)]
-            say(f"  {key:11}", "   ".join(_with_error(value, error) for value, error in pairs))
+            if getattr(material, key) is not None:
+                say(f"  {key:11}", "   ".join(_numbers(material, key)))
     say(result.message)
     say(f"report: {out / 'report.html'}")
 
 
-def _with_error(value: float, error: float | None) -> str:
-    return f"{value:.4g} ± {error:.4g}" if error is not None else f"{value:.4g} (not determined)"
+def _numbers(material: FittedMaterial, key: str) -> Iterator[str]:
+    """A parameter's values with their errors; with the word of the catalogue where it is that one's."""
+    parts = [getattr(part, key, None) for part in (material, material.stderr, material.from_prior)]
+    count = 3 if isinstance(parts[0], tuple) else 1
+    for value, error, taken in zip(*(_channels(part, count) for part in parts), strict=True):
+        stated = f"{value:.4g} ± {error:.4g}" if error is not None else f"{value:.4g}"
+        yield f"{stated} (catalogue)" if taken else stated if error is not None else f"{stated} (not determined)"
+
+
+def _channels(part: Any, count: int) -> Any:
+    return part if isinstance(part, tuple) else (part,) * count
 
 
 if __name__ == "__main__":

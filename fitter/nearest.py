@@ -2,36 +2,59 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import torch
+from jaxtyping import Float
 from torch import Tensor
 
-from fitter.catalogue import read_catalogue
+from fitter.catalogue import Metal, read_catalogue
 from fitter.parameters import MetalCoordinates
 from fitter.result import Nearest
-from fitter.uncertainty import Spread, standard_errors
+from fitter.uncertainty import Function, Spread
 from shaders import fresnel
 
 COS_D = (1.0, 0.5, 0.25, 0.1)  # 0°, 60°, 76° and 84°: where the curves of metals differ
-FLOOR = 2e-3  # of a reflectance; published measurements of one metal differ by more
+FLOOR = 2e-3  # of a reflectance: less than this no two photographs of one metal agree by
+UNSEEN = 1e3  # of a free number, whose material stays the same beyond ± 30: errors beyond that say no more
 
 
-def nearest_metals(x: Tensor, coordinates: MetalCoordinates, spread: Spread) -> tuple[Nearest, ...]:
-    """All metals of the catalogue by their distance in reflectance, nearest first.
+def nearest_metals(
+    x: Float[Tensor, " x"], coordinates: MetalCoordinates, spread: Spread, metals: Sequence[Metal] | None = None
+) -> tuple[Nearest, ...]:
+    """Metals by their distance in reflectance, nearest first.
 
-    The distance is the root mean square, over three channels and four angles, of the difference in exact
-    reflectance over its standard error (at least 0.002): 1 means as far as the fit's own uncertainty.
+        d² = ΔᵀK⁻¹Δ / q,   K = G C Gᵀ + 0.002² 1        [Mahalanobis 1936]
+
+    Δ is the difference in exact reflectance at four angles and three channels, G the curve's Jacobian, C the fit's
+    covariance, q its number of unknowns that shape the curve: 1 means as far as the fit's own uncertainty. In the
+    viewer's model, which sees nothing but F0, Δ is the difference in F0.
+
+    Args:
+        x, coordinates, spread: the fit's free vector, what it stands for, and its covariance.
+        metals: to compare with; the catalogue's where left out.
     """
-    cos_d = torch.tensor(COS_D, dtype=torch.float64)[:, None]
+    cos_d = torch.tensor(COS_D if coordinates.tint is None else COS_D[:1], dtype=torch.float64)[:, None]
 
     def curve(free: Tensor) -> Tensor:
         metal = coordinates.material(free)
         return fresnel.conductor(cos_d, metal.n, metal.k).flatten()
 
-    fitted, sigma = curve(x), standard_errors(curve, x, spread).clamp_min(FLOOR)
+    fitted, covariance = curve(x), covariance_of(curve, x, spread)
+    covariance = covariance + FLOOR**2 * torch.eye(len(fitted), dtype=torch.float64)
 
-    def distance(n: tuple[float, ...], k: tuple[float, ...]) -> float:
-        known = fresnel.conductor(cos_d, *(torch.tensor(v, dtype=torch.float64) for v in (n, k))).flatten()
-        return float(((known - fitted) / sigma).square().mean().sqrt())
+    def distance(known: Metal) -> float:
+        reflectance = fresnel.conductor(cos_d, *(torch.tensor(v, dtype=torch.float64) for v in (known.n, known.k)))
+        difference = reflectance.flatten() - fitted
+        return float((difference @ torch.linalg.solve(covariance, difference) / (len(x) - 1)).clamp_min(0).sqrt())
 
-    found = [Nearest(name=metal.title, distance=distance(metal.n, metal.k)) for metal in read_catalogue()]
+    known_metals = read_catalogue() if metals is None else metals
+    found = [Nearest(name=metal.title, distance=distance(metal)) for metal in known_metals]
     return tuple(sorted(found, key=lambda each: each.distance))
+
+
+def covariance_of(quantity: Function, x: Float[Tensor, " x"], spread: Spread) -> Float[Tensor, "q q"]:
+    """Covariance of `quantity(x)` to first order; free numbers that nothing determines count as `UNSEEN`."""
+    sigma = spread.covariance.diagonal().clamp_min(torch.finfo(x.dtype).tiny).sqrt()
+    gradient = torch.func.jacfwd(quantity)(x) * (UNSEEN / sigma).clamp_max(1)
+    return gradient @ spread.covariance @ gradient.T

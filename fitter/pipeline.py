@@ -19,6 +19,7 @@ from fitter.mtl import ordinary_mtl, thesis_mtl
 from fitter.nearest import nearest_metals
 from fitter.parameters import MetalCoordinates
 from fitter.pixel_model import exact_reflectance, viewer_reflectance
+from fitter.prior import Prior, borrow
 from fitter.quality import ViewPictures
 from fitter.report import comparison_png, render_report
 from fitter.result import FittedMaterial, Model, Result, Time, write_result
@@ -28,6 +29,7 @@ from fitter.setting import Setting
 from fitter.solve import SOLVERS
 from fitter.summary import describe, fitted_material, status_of
 from fitter.uncertainty import Spread, spread
+from fitter.verdicts import seen_by
 from fitter.viewer_roughness import viewer_roughness
 from renderer import gbuffer
 from renderer.atomic import replaced_together, write_bytes_atomically, write_text_atomically
@@ -54,6 +56,7 @@ class FitOptions:
         device: where light tables are integrated, in torch's words.
         command: the command line, for the report.
         type: of the materials that the scene file leaves open: "metal", "glossy", "matte", or "auto".
+        prior: "catalogue" where known metals are to stand in for n and k that the photographs leave open.
     """
 
     fidelity: Fidelity = PRESETS["standard"]
@@ -62,6 +65,7 @@ class FitOptions:
     device: str = "cpu"
     command: str = ""
     type: str = "auto"
+    prior: Prior = "none"
 
 
 @dataclass(frozen=True)
@@ -74,6 +78,7 @@ class FittedPart:
         choice: its fit.
         spread: covariance of the fit's free vector.
         material: the numbers to report.
+        told: the same in sentences.
     """
 
     index: int
@@ -81,6 +86,7 @@ class FittedPart:
     choice: Choice
     spread: Spread
     material: FittedMaterial
+    told: str
 
 
 def fit_scene(
@@ -154,7 +160,7 @@ def fit_parts(
         if observed is not None:
             problem = Problem(observed, setting, SOLVERS[options.solver], _labelled(progress, name, len(chosen)))
             choice = fit_type(problem, loaded.kind(name, options.type))
-            parts.append(_part(index, name, observed, choice, setting))
+            parts.append(_part(index, name, observed, choice, setting, options.prior))
     return parts
 
 
@@ -163,7 +169,7 @@ def _labelled(progress: Progress, name: str, count: int) -> Progress:
     return progress if count == 1 else lambda stage, share: progress(f"{name}: {stage}", share)
 
 
-def _part(index: int, name: str, observed: Observations, choice: Choice, setting: Setting) -> FittedPart:
+def _part(index: int, name: str, observed: Observations, choice: Choice, setting: Setting, prior: Prior) -> FittedPart:
     fit = choice.fit
     uncertainty = spread(fit.residuals, fit.halves, fit.x)
     coordinates = fit.residuals.coordinates
@@ -171,7 +177,10 @@ def _part(index: int, name: str, observed: Observations, choice: Choice, setting
     rho = None
     if setting.fidelity.lobe != "taps" and fit.material.type != "matte":
         rho = viewer_roughness(observed, setting.viewers, fit.material)
-    return FittedPart(index, observed, choice, uncertainty, fitted_material(name, fit, uncertainty, rho, nearest))
+    borrowed = borrow(fit, uncertainty, prior)
+    material = fitted_material(name, fit, uncertainty, rho, nearest, borrowed)
+    told = describe(choice, material, seen_by(fit, observed), borrowed)
+    return FittedPart(index, observed, choice, uncertainty, material, told)
 
 
 @dataclass(frozen=True)
@@ -239,7 +248,7 @@ def _remarks(loaded: Loaded, parts: Sequence[FittedPart], fidelity: Fidelity) ->
 
 def _message(loaded: Loaded, parts: Sequence[FittedPart], fidelity: Fidelity) -> str:
     """What there is to say of each material, and of the input."""
-    told = [describe(part.choice, part.material) for part in parts]
+    told = [part.told for part in parts]
     if len(loaded.materials) > 1:
         told = [f"{part.material.name}: {sentences}" for part, sentences in zip(parts, told, strict=True)]
     return " ".join([*told, *_remarks(loaded, parts, fidelity)])

@@ -16,7 +16,7 @@ from fitter.catalogue import Metal, read_catalogue
 from fitter.curves import CHANNELS, Curve, reflectance_svg
 from fitter.pictures import DIFFERENCE_RANGE, Rgba, comparison_png, difference_colors, png, tiles
 from fitter.quality import ViewPictures
-from fitter.result import FittedMaterial, PerParameter, Result
+from fitter.result import FittedMaterial, FromPrior, PerParameter, Result
 
 __all__ = ["ViewPictures", "comparison_png", "render_report"]
 
@@ -44,6 +44,7 @@ class Row:
     value: str
     interval: str
     determined: str
+    origin: str
 
 
 def render_report(
@@ -127,8 +128,8 @@ def _rows(material: FittedMaterial) -> Iterator[Row]:
         if value is None:
             continue
         triple = isinstance(value, tuple)
-        of_each = [_each(getattr(part, parameter), triple) for part in _with_uncertainty(material)]
-        for channel, (number, error, interval, determined) in enumerate(zip(*of_each, strict=True)):
+        of_each = [_each(getattr(part, parameter, None), triple) for part in _with_uncertainty(material)]
+        for channel, (number, error, interval, determined, taken) in enumerate(zip(*of_each, strict=True)):
             name, color = CHANNELS[channel] if triple else ("", "")
             yield Row(
                 parameter if channel == 0 else "",
@@ -138,11 +139,12 @@ def _rows(material: FittedMaterial) -> Iterator[Row]:
                 _with_error(number, error),
                 _interval(interval, error),
                 {True: "determined", False: "not determined", None: "–"}[determined],
+                "from the catalogue" if taken else "",
             )
 
 
-def _with_uncertainty(material: FittedMaterial) -> tuple[PerParameter[Any], ...]:
-    return material, material.stderr, material.interval95, material.determined
+def _with_uncertainty(material: FittedMaterial) -> tuple[PerParameter[Any] | FromPrior | None, ...]:
+    return material, material.stderr, material.interval95, material.determined, material.from_prior
 
 
 def _each(value: Any, triple: bool) -> tuple[Any, ...]:

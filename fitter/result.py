@@ -75,6 +75,28 @@ class Nearest(Record):
     distance: NonNegative
 
 
+class Share(Record):
+    """A known material, and how much of what was taken from known ones is its."""
+
+    name: str
+    share: Annotated[float, Field(ge=0, le=1)]
+
+
+class FromPrior(Record):
+    """Which numbers come from known metals and not from the photographs.
+
+    Attributes:
+        n, k: per channel; what is not marked is the photographs' own.
+        metals: those they come from, the greatest share first; metals unknown to the catalogue have the rest.
+        photographs95: what the photographs alone say of n and k.
+    """
+
+    n: tuple[bool, bool, bool]
+    k: tuple[bool, bool, bool]
+    metals: tuple[Share, ...]
+    photographs95: Intervals = Intervals()
+
+
 class _Named(Record):
     name: str
     type: MaterialType
@@ -88,12 +110,15 @@ class FittedMaterial(PerParameter[float], _Named):
         type: which of the model's materials (MODEL.md, 4).
         determined: whether the photographs determine the number.
         nearest: known materials, nearest first.
+        from_prior: the numbers that known metals stand in for; None where all are the photographs'. Their errors and
+            intervals are the prior's, too; `determined` remains what the photographs say.
     """
 
     stderr: StandardErrors = StandardErrors()
     interval95: Intervals = Intervals()
     determined: Determined = Determined()
     nearest: tuple[Nearest, ...] = ()
+    from_prior: FromPrior | None = None
 
 
 class PictureQuality(Record):

@@ -2,57 +2,38 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
-from typing import Any
-
-from torch import Tensor
+from typing import TypeVar
 
 from fitter.choice import DECISIVE, Choice
-from fitter.result import (
-    Determined,
-    FittedMaterial,
-    Intervals,
-    Nearest,
-    StandardErrors,
-    Status,
-)
+from fitter.measured import QUANTITIES, Measured, measured, of_viewer, paired, unseen
+from fitter.mixture import Borrowed, TooFar
+from fitter.prior import from_prior, with_prior
+from fitter.result import Determined, FittedMaterial, Intervals, Nearest, StandardErrors, Status
 from fitter.search import Fit
-from fitter.uncertainty import TWO_SIDED_95, Spread, intervals95, is_determined, standard_errors
+from fitter.uncertainty import Spread, is_determined
+from fitter.verdicts import CHANNELS, Seen, on_the_prior, verdicts
 from fitter.viewer_roughness import RHO_PER_ALPHA, ViewerRoughness
 
-CHANNELS = ("red", "green", "blue")
-NO_METAL_BEYOND = 0.995  # silver, the most reflective, has F0 = 0.988
+T = TypeVar("T")
 
-QUANTITIES: Mapping[str, Mapping[str, Callable[[Any], Tensor]]] = {
-    "metal": {
-        "n": lambda metal: metal.n,
-        "k": lambda metal: metal.k,
-        "f0": lambda metal: metal.f0,
-        "roughness": lambda metal: metal.roughness[None],
-    },
-    "glossy": {
-        "color": lambda glossy: glossy.color,
-        "reflectance": lambda glossy: glossy.reflectance,
-        "f0": lambda glossy: glossy.reflectance,
-        "roughness": lambda glossy: glossy.roughness[None],
-    },
-    "matte": {
-        "color": lambda matte: matte.color * matte.reflectance.clamp_min(1),
-        "reflectance": lambda matte: matte.reflectance,
-    },
-}
-"""What is reported of each type of material; `roughness` is alpha or ρ, as the lobe of the fit has it."""
+NO_METAL_BEYOND = 0.995  # silver, the most reflective, has F0 = 0.988
 
 ESSENTIAL = {"metal": ("f0", "alpha"), "glossy": ("color", "f0", "alpha"), "matte": ("color",)}
 """What must be determined for a fit to have a usable material."""
 
 
 def fitted_material(
-    name: str, fit: Fit, spread: Spread, rho: ViewerRoughness | None, nearest: Sequence[Nearest]
+    name: str,
+    fit: Fit,
+    spread: Spread,
+    rho: ViewerRoughness | None,
+    nearest: Sequence[Nearest],
+    borrowed: Borrowed | TooFar | None = None,
 ) -> FittedMaterial:
     """The material with its errors, intervals and verdicts.
+
+    A number of which the photographs say no more than its domain has that domain for its interval and no error.
 
     Args:
         name: of the material.
@@ -61,24 +42,38 @@ def fitted_material(
         rho: the viewer's roughness and its error; None where the fit was made in the viewer's own model, which
             leaves alpha to the first guess ρ/(2√2), or where the material has no roughness.
         nearest: known metals, nearest first.
+        borrowed: n and k as known metals suggest them, for the channels whose own are not determined.
     """
-    kind = fit.material.type
-    found = {key: _measured(fit, spread, key) for key in QUANTITIES[kind]}
-    if rho is not None:
-        found["alpha"], found["roughness"] = found["roughness"], [_of_viewer(rho)]
-    elif kind != "matte":
-        found |= {key: [_unmeasured(each.value) for each in found[key]] for key in ("n", "k") if key in found}
-        found["alpha"] = [_unmeasured(found["roughness"][0].value / RHO_PER_ALPHA)]
+    kind, viewers = fit.material.type, rho is None and fit.material.type != "matte"
+    found = {key: measured(fit, spread, key) for key in QUANTITIES[kind]}
+    if kind == "metal":
+        found |= {key: unseen(fit, key) for key in ("n", "k")} if viewers else paired(found["n"], found["k"], fit)
+    if viewers:
+        found["alpha"] = [Measured(found["roughness"][0].value / RHO_PER_ALPHA)]
+    elif rho is not None:
+        found["alpha"], found["roughness"] = found["roughness"], [of_viewer(rho)]
     trusted = fit.solution.status == "converged"
+    known = {key: [trusted and _is_determined(kind, key, each) for each in found[key]] for key in found}
+    taken = None
+    if isinstance(borrowed, Borrowed):
+        taken = from_prior(borrowed, found, known)
+        found |= with_prior(borrowed, found, known)
     return FittedMaterial(
         name=name,
         type=kind,
-        **_each(found, lambda key, each: each.value),
-        stderr=StandardErrors(**_each(found, lambda key, each: each.stderr)),
-        interval95=Intervals(**_each(found, lambda key, each: each.interval)),
-        determined=Determined(**_each(found, lambda key, each: trusted and each.is_determined(_rule(kind, key)))),
+        **_each(found, lambda each: each.value),
+        stderr=StandardErrors(**_each(found, lambda each: each.stderr)),
+        interval95=Intervals(**_each(found, lambda each: each.interval)),
+        determined=Determined(**_each(known, bool)),
         nearest=tuple(nearest),
+        from_prior=taken,
     )
+
+
+def _is_determined(kind: str, key: str, number: Measured) -> bool:
+    if number.stderr is None or number.interval is None:
+        return False
+    return is_determined(_rule(kind, key), number.value, number.interval)
 
 
 def _rule(kind: str, key: str) -> str:
@@ -94,7 +89,7 @@ def status_of(choices: Sequence[Choice], materials: Sequence[FittedMaterial]) ->
 
 
 def _is_usable(material: FittedMaterial) -> bool:
-    in_viewers_model = material.stderr.alpha is None
+    in_viewers_model = material.interval95.alpha is None
     verdicts: list[bool | None] = []
     for key in ESSENTIAL[material.type]:
         verdict = getattr(material.determined, "roughness" if key == "alpha" and in_viewers_model else key)
@@ -102,17 +97,13 @@ def _is_usable(material: FittedMaterial) -> bool:
     return all(verdicts)
 
 
-def describe(choice: Choice, material: FittedMaterial) -> str:
+def describe(choice: Choice, material: FittedMaterial, seen: Seen, borrowed: Borrowed | TooFar | None = None) -> str:
     """A few sentences for a person: how the fit ended, and what the photographs do not tell."""
     fit = choice.fit
     steps = f"in {fit.solution.steps} steps"
     ending = f"converged {steps}" if fit.solution.status == "converged" else f"stopped {steps} without converging"
-    sentences = [f"The fit {ending}.", *_on_the_type(choice)]
-    unknown = [_undetermined(material, key) for key in ("f0", "n", "k", "color") if _channels(material, key)]
-    if material.determined.alpha is False:
-        unknown.append(f"alpha ({_range(material.interval95.alpha)})")
-    if unknown:
-        sentences.append(f"The photographs do not determine {'; '.join(unknown)}.")
+    sentences = [f"The fit {ending}.", *_on_the_type(choice), *verdicts(material, seen)]
+    sentences += on_the_prior(material, borrowed)
     limit = NO_METAL_BEYOND if material.type == "metal" else 1.0
     shining = [channel for channel, f0 in zip(CHANNELS, material.f0 or (), strict=False) if f0 > limit]
     if shining:
@@ -133,61 +124,7 @@ def _on_the_type(choice: Choice) -> list[str]:
     return [f"{choice.fit.material.type.capitalize()} {lead} is worse by {behind:.4g}{doubt}."]
 
 
-@dataclass(frozen=True)
-class _Measured:
-    """A number with its standard error and 95 % interval, None where it has none."""
-
-    value: float
-    stderr: float | None
-    interval: tuple[float, float] | None
-
-    def is_determined(self, parameter: str) -> bool:
-        return self.interval is not None and is_determined(parameter, self.value, self.interval)
-
-
-def _measured(fit: Fit, spread: Spread, key: str) -> list[_Measured]:
-    coordinates, of_material = fit.residuals.coordinates, QUANTITIES[fit.material.type][key]
-
-    def quantity(x: Tensor) -> Tensor:
-        return of_material(coordinates.material(x))
-
-    errors = standard_errors(quantity, fit.x, spread)
-    lows, highs = intervals95(quantity, fit.x, spread)
-    rows = zip(quantity(fit.x).tolist(), errors.tolist(), lows.tolist(), highs.tolist(), strict=True)
-    most = 1.0 if key in ("color", "reflectance") else math.inf  # a matte fit may go beyond
-    return [
-        _Measured(min(value, most), error, (min(low, most), min(high, most)))
-        if all(map(math.isfinite, (error, low, high)))
-        else _unmeasured(min(value, most))
-        for value, error, low, high in rows
-    ]
-
-
-def _unmeasured(value: float) -> _Measured:
-    return _Measured(value, None, None)
-
-
-def _of_viewer(rho: ViewerRoughness) -> _Measured:
-    if not math.isfinite(rho.stderr):
-        return _unmeasured(rho.rho)
-    half = TWO_SIDED_95 * rho.stderr
-    return _Measured(rho.rho, rho.stderr, (max(0.0, rho.rho - half), rho.rho + half))
-
-
-def _each(found: dict[str, list[_Measured]], part: Callable[[str, _Measured], object]) -> dict:
+def _each(found: Mapping[str, Sequence[T]], part: Callable[[T], object]) -> dict:
     """One part of every number by parameter; alpha and roughness have no channels."""
-    parts = {key: [part(key, each) for each in measured] for key, measured in found.items()}
+    parts = {key: [part(each) for each in measured] for key, measured in found.items()}
     return {key: each if len(each) == 3 else each[0] for key, each in parts.items()}
-
-
-def _channels(material: FittedMaterial, key: str) -> list[int]:
-    return [i for i, known in enumerate(getattr(material.determined, key) or ()) if not known]
-
-
-def _undetermined(material: FittedMaterial, key: str) -> str:
-    intervals = getattr(material.interval95, key)
-    return f"{key} of " + ", ".join(f"{CHANNELS[i]} ({_range(intervals[i])})" for i in _channels(material, key))
-
-
-def _range(interval: tuple[float, float] | None) -> str:
-    return "anywhere" if interval is None else f"{interval[0]:.3g} to {interval[1]:.3g}"

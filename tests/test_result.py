@@ -84,7 +84,8 @@ def test_keys_are_the_contracts(tmp_path):
     top = "format status message materials quality exposure model effects time inputs"
     assert list(data) == top.split()
     material = data["materials"][0]
-    assert set(material) == PARAMETERS | {"name", "type", "stderr", "interval95", "determined", "nearest"}
+    parts = {"name", "type", "stderr", "interval95", "determined", "nearest", "from_prior"}
+    assert set(material) == PARAMETERS | parts
     assert all(set(material[part]) == PARAMETERS for part in ("stderr", "interval95", "determined"))
     assert material["color"] is None
     assert material["stderr"]["n"] == [0.02, 0.04, None]

@@ -1,0 +1,126 @@
+"""The numbers of a fit, each with what is known of its error."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+from torch import Tensor
+
+from fitter.fidelity import BLUR_RANGE, MICROFACET_RANGE
+from fitter.parameters import Interval
+from fitter.pixel_model import ViewerPixels
+from fitter.search import Fit
+from fitter.uncertainty import TWO_SIDED_95, Spread, intervals95, standard_errors
+from fitter.viewer_roughness import ViewerRoughness
+from shaders import fresnel
+from shaders.materials import Metal
+
+COVERED = 0.9  # of a domain: an interval that leaves out no more says what was known without any photograph
+
+QUANTITIES: Mapping[str, Mapping[str, Callable[[Any], Tensor]]] = {
+    "metal": {
+        "n": lambda metal: metal.n,
+        "k": lambda metal: metal.k,
+        "f0": lambda metal: metal.f0,
+        "roughness": lambda metal: metal.roughness[None],
+    },
+    "glossy": {
+        "color": lambda glossy: glossy.color,
+        "reflectance": lambda glossy: glossy.reflectance,
+        "f0": lambda glossy: glossy.reflectance,
+        "roughness": lambda glossy: glossy.roughness[None],
+    },
+    "matte": {
+        "color": lambda matte: matte.color * matte.reflectance.clamp_min(1),
+        "reflectance": lambda matte: matte.reflectance,
+    },
+}
+"""What is reported of each type of material; `roughness` is alpha or ρ, as the lobe of the fit has it."""
+
+
+@dataclass(frozen=True)
+class Measured:
+    """A number with its standard error and 95 % interval, None where it has none."""
+
+    value: float
+    stderr: float | None = None
+    interval: tuple[float, float] | None = None
+
+    def within(self, low: float, high: float) -> Measured:
+        """The number, known to lie in [low, high]: without an error, and with that interval, where no more is known.
+
+        That is so where its own interval covers the domain but for a tenth, or its standard error all of it.
+        """
+        value = min(max(self.value, low), high)
+        if self.stderr is None or self.interval is None:
+            return Measured(value, None, (low, high))
+        inside = max(self.interval[0], low), min(self.interval[1], high)
+        if inside[1] - inside[0] >= COVERED * (high - low) or self.stderr >= high - low:
+            return Measured(value, None, (low, high))
+        return Measured(value, self.stderr, (min(inside[0], value), max(inside[1], value)))
+
+
+def measured(fit: Fit, spread: Spread, key: str) -> list[Measured]:
+    """One of `QUANTITIES` of a fit, per channel, with error and interval from the covariance of its free vector."""
+    coordinates, of_material = fit.residuals.coordinates, QUANTITIES[fit.material.type][key]
+
+    def quantity(x: Tensor) -> Tensor:
+        return of_material(coordinates.material(x))
+
+    errors = standard_errors(quantity, fit.x, spread)
+    lows, highs = intervals95(quantity, fit.x, spread)
+    rows = zip(quantity(fit.x).tolist(), errors.tolist(), lows.tolist(), highs.tolist(), strict=True)
+    found = [
+        Measured(value, error, (low, high)) if all(map(math.isfinite, (error, low, high))) else Measured(value)
+        for value, error, low, high in rows
+    ]
+    if key == "roughness":
+        found = [_beyond_span(each, coordinates.roughness) for each in found]
+    return [each.within(*domain) for each, domain in zip(found, _domains(fit, key), strict=True)]
+
+
+def _beyond_span(number: Measured, span: Interval | None) -> Measured:
+    """A roughness whose interval fills the light table's span, where it had to end, has a symmetric one instead."""
+    assert span is not None
+    if number.stderr is None or number.within(span.low, span.high).stderr is not None:
+        return number
+    half = TWO_SIDED_95 * number.stderr
+    return replace(number, interval=(number.value - half, number.value + half))
+
+
+def _domains(fit: Fit, key: str) -> list[tuple[float, float]]:
+    """Where a number lies without any photograph: n and k on the circle of their F0."""
+    material, model = fit.material, fit.residuals.model
+    if key == "roughness":
+        return [BLUR_RANGE if isinstance(model, ViewerPixels) else MICROFACET_RANGE]
+    if key in ("n", "k") and isinstance(material, Metal):
+        limits = fresnel.index_limit(material.f0).tolist()
+        return [(1 / limit, limit) if key == "n" else (0.0, (limit - 1 / limit) / 2) for limit in limits]
+    return [(0.0, 1.0)] * 3
+
+
+def paired(n: Sequence[Measured], k: Sequence[Measured], fit: Fit) -> dict[str, list[Measured]]:
+    """n and k, of which neither says more than its domain where the other does not: both run round one circle."""
+    told = [a.stderr is not None and b.stderr is not None for a, b in zip(n, k, strict=True)]
+    whole = {key: unseen(fit, key) for key in ("n", "k")}
+    return {
+        key: [own if known else bare for own, known, bare in zip(numbers, told, whole[key], strict=True)]
+        for key, numbers in (("n", n), ("k", k))
+    }
+
+
+def unseen(fit: Fit, key: str) -> list[Measured]:
+    """The same numbers of a model that cannot see them: the domain is all that is known."""
+    values = QUANTITIES[fit.material.type][key](fit.material).tolist()
+    return [Measured(value).within(*domain) for value, domain in zip(values, _domains(fit, key), strict=True)]
+
+
+def of_viewer(rho: ViewerRoughness) -> Measured:
+    """The viewer's roughness."""
+    if not math.isfinite(rho.stderr):
+        return Measured(rho.rho)
+    half = TWO_SIDED_95 * rho.stderr
+    return Measured(rho.rho, rho.stderr, (rho.rho - half, rho.rho + half)).within(*BLUR_RANGE)
