@@ -8,7 +8,9 @@ from fitter.fidelity import Fidelity
 from fitter.result import Effect
 
 
-def effects_of(fidelity: Fidelity, types: Collection[str], lights: int, self_seeing: float) -> tuple[Effect, ...]:
+def effects_of(
+    fidelity: Fidelity, types: Collection[str], lights: int, self_seeing: float, polished: bool = False
+) -> tuple[Effect, ...]:
     """The effects by name, on or off, each with its reason.
 
     Args:
@@ -16,6 +18,7 @@ def effects_of(fidelity: Fidelity, types: Collection[str], lights: int, self_see
         types: of the materials that were found.
         lights: number of directional lights.
         self_seeing: share of the pixels that mirror the object itself.
+        polished: whether Mitsuba's paths had the last word.
     """
     taps, exact = fidelity.lobe == "taps", fidelity.reflectance == "conductor"
     mirrors, scatters = bool({"metal", "glossy"} & {*types}), bool({"glossy", "matte"} & {*types})
@@ -26,6 +29,7 @@ def effects_of(fidelity: Fidelity, types: Collection[str], lights: int, self_see
         if self_seeing > 0
         else "no pixel looked at mirrors the object itself"
     )
+    paths = f"{itself}; Mitsuba traced the paths of the polish" if polished else itself
     above = "the 49 taps have none" if taps else "light from below the surface is not counted"
     lamps = f"{lights} directional light{'s' * (lights > 1)}" if lights else "the scene has no directional lights"
     guarded = taps and "glossy" in types
@@ -48,8 +52,8 @@ def effects_of(fidelity: Fidelity, types: Collection[str], lights: int, self_see
         ("double-bounce", False, "no ambient-occlusion map is given"),
         ("captured-neighbours", False, "pixels that mirror other objects are left out of the fit"),
         ("depth-scaled-blur", False, "no neighbours are captured"),
-        ("self-visibility", False, itself),
-        ("interreflection", False, itself),
+        ("self-visibility", polished, paths),
+        ("interreflection", polished, paths),
         ("exact-fresnel", exact and mirrors, fresnel),
         ("pixel-footprint", fidelity.footprint > 1, f"{fidelity.footprint**2} rays per pixel"),
     ]

@@ -13,7 +13,7 @@ the photographs' is, so that the scatter of the residuals counts it.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -21,11 +21,14 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
+from fitter.fidelity import Fidelity
 from fitter.loading import Loaded
 from fitter.pixel_model import PixelModel
+from fitter.result import MaterialType
 from fitter.search import Fit, Problem, refined
 from fitter.setting import Setting
-from renderer.differentiable import DifferentiableScene, Radiance, unheard
+from renderer import differentiable
+from renderer.differentiable import DifferentiableScene, Radiance
 from renderer.errors import InputError
 from renderer.gbuffer import GBuffer
 from renderer.to_mitsuba import Bsdf, conductor, diffuse, plastic
@@ -37,8 +40,9 @@ from shaders.materials import Glossy, Material, Metal
 
 SAMPLES = 1024  # paths per pixel
 FEWER_SHOWN = 128  # … of a picture to look at
-ROUNDS = 6
-SETTLED = 0.1  # standard errors; the paths' own noise is more
+ROUNDS = 8
+WIDE = 2.0  # factor of the first table's roughness, which what was left out may have moved far
+SETTLED = 0.5  # standard errors: noise estimated anew each round moves a fit of few pixels by a fifth
 PATHS_SEED = 0x9A7B  # beside the fit's own, so that no path of a photograph made by `synth` is walked again
 GREY = (0.5, 0.5, 0.5)  # of materials that no photograph shows
 
@@ -110,8 +114,18 @@ class PolishedPixels(PixelModel):
 
 
 @dataclass(frozen=True)
+class PolishedProblem(Problem):
+    """A problem whose pixels see what the object does to itself; `added` as `PolishedPixels` has it."""
+
+    added: Tangent
+
+    def pixels(self, kind: MaterialType) -> PolishedPixels:
+        return PolishedPixels(super().pixels(kind), self.added)
+
+
+@dataclass(frozen=True)
 class Polish:
-    """The fit of a metal among the object's materials, polished.
+    """The polished fit of a metal.
 
     Attributes:
         fit: what was found, its model a `PolishedPixels`.
@@ -125,67 +139,66 @@ class Polish:
 
     def picture(self, surface: GBuffer) -> Float[Tensor, "p 3"]:
         """What a table leaves out of the radiance of pixels [p, k], for pictures to look at."""
-        return _added(self.scene, surface, self.fit.material, FEWER_SHOWN, self.seed + 1).value
+        metal = _metal(self.fit)
+        return self.scene.radiance(surface, metal, samples=FEWER_SHOWN, seed=self.seed + 1, beyond_direct=True).value
 
 
-def polished(problem: Problem, fit: Fit, scene: DifferentiableScene, seed: int) -> Polish:
+def polished(problem: Problem, fit: Fit, scene: DifferentiableScene) -> Polish:
     """Polish the fit of a metal; its solution is "stopped" where `ROUNDS` rounds did not settle.
 
     Args:
-        problem: that the fit solved.
+        problem: the pixels; they may be others than the fit was made from, and may mirror the object itself.
         fit: where to begin.
         scene: the object in Mitsuba, the fitted metal the one that may change.
-        seed: of the fit.
     """
-    base, paths_seed = fit.residuals.model, PATHS_SEED + seed
-    progress = partial(problem.progress, "tracing paths")
+    seed, spans = PATHS_SEED + problem.setting.seed, (WIDE,)
     for _ in range(ROUNDS):
-        before = fit.material
-        assert isinstance(before, Metal)
-        added = _added(scene, problem.observed.surface, before, SAMPLES, paths_seed, progress)
-        model = PolishedPixels(base, Tangent.of(added, before))
-        fit = refined(problem, replace(fit, residuals=replace(fit.residuals, model=model)))
+        before = _metal(fit)
+        fit = refined(_around(problem, before, scene, seed, spans), fit)
         if _way(fit, before) < SETTLED:
-            return Polish(fit, scene, paths_seed)
-    return Polish(replace(fit, solution=replace(fit.solution, status="stopped")), scene, paths_seed)
+            return Polish(fit, scene, seed)
+        spans = problem.fidelity.spans[-1:]
+    return Polish(replace(fit, solution=replace(fit.solution, status="stopped")), scene, seed)
 
 
-def _added(
-    scene: DifferentiableScene,
-    surface: GBuffer,
-    metal: Metal,
-    samples: int,
-    seed: int,
-    progress: Callable[[float], None] = unheard,
-) -> Radiance:
-    return scene.radiance(surface, metal, samples=samples, seed=seed, beyond_direct=True, progress=progress)
+def _around(
+    problem: Problem, metal: Metal, scene: DifferentiableScene, seed: int, spans: tuple[float, ...]
+) -> PolishedProblem:
+    """The problem with Mitsuba's paths for one metal, and tables of these spans alone."""
+    progress = partial(problem.progress, "tracing paths")
+    added = scene.radiance(
+        problem.observed.surface, metal, samples=SAMPLES, seed=seed, beyond_direct=True, progress=progress
+    )
+    setting = replace(problem.setting, fidelity=replace(problem.fidelity, spans=spans))
+    return PolishedProblem(problem.observed, setting, problem.solver, problem.progress, Tangent.of(added, metal))
 
 
-def _way(fit: Fit, before: Material) -> float:
+def _way(fit: Fit, before: Metal) -> float:
     """How far the fit moved, in standard errors: the change of the residuals over their scatter."""
     now, then = fit.residuals(fit.x), fit.residuals(fit.residuals.coordinates.free(before))
     return float((now - then).norm() / now.square().mean().sqrt())
 
 
-def metals_to_polish(materials: Sequence[Material], setting: Setting) -> list[bool]:
-    """Which of the found materials are polished.
+def _metal(fit: Fit) -> Metal:
+    assert isinstance(fit.material, Metal)
+    return fit.material
+
+
+def require_polishable(fidelity: Fidelity) -> None:
+    """Refuse the viewer's model, whose blur no path follows, and a machine without LLVM, before anything is fitted.
 
     Raises:
-        InputError: in the viewer's model, whose blur no path follows.
+        InputError: names the option and what it needs.
     """
-    if setting.fidelity.lobe == "taps":
-        raise InputError("--polish", expected="a fidelity whose light Mitsuba can follow: preview, standard, reference")
-    return [isinstance(material, Metal) for material in materials]
+    if fidelity.lobe == "taps":
+        raise InputError("--polish", expected="preview, standard or reference for --fidelity: Mitsuba has no taps")
+    differentiable.require_variant()
 
 
 def polish_scene(
     loaded: Loaded, setting: Setting, materials: Mapping[int, Material], metal: int
 ) -> DifferentiableScene:
-    """The object in Mitsuba, made of what was found; `materials` by their index among the mesh's.
-
-    Raises:
-        InputError: where LLVM is missing; names the package that has it.
-    """
+    """The object in Mitsuba, made of what was found; `materials` by their index among the mesh's."""
     lobe = setting.fidelity.lobe
     assert lobe != "taps"
     bsdfs = [_bsdf(materials[i], lobe) if i in materials else diffuse(GREY) for i in range(len(loaded.materials))]

@@ -74,7 +74,7 @@ class DifferentiableScene:
         """
         import drjit as dr
 
-        self._mi = mi = _mitsuba()
+        self._mi = mi = require_variant()
         shapes, lamps = mitsuba_shapes(shape, bsdfs), {f"light_{i}": directional(each) for i, each in enumerate(lights)}
         self._scene = mi.load_dict({"type": "scene", "environment": envmap(environment), **lamps, **shapes})
         self._bsdf = list(shapes.values())[metal].bsdf()
@@ -107,7 +107,7 @@ class DifferentiableScene:
         """
         import drjit
 
-        paths = LightPaths(_mitsuba(), self._scene, self._max_depth, self._change(metal), beyond_direct)
+        paths = LightPaths(require_variant(), self._scene, self._max_depth, self._change(metal), beyond_direct)
         pixels, step = len(surface.hit), max(1, SAMPLES_PER_PASS // samples)
         starts = range(0, pixels, step)
         streams = np.random.SeedSequence(seed).generate_state(len(starts)).tolist()
@@ -127,7 +127,12 @@ class DifferentiableScene:
         return ChangingMetal(mi, self._bsdf, self._distribution, n, k, alpha)
 
 
-def _mitsuba() -> Any:
+def require_variant() -> Any:
+    """Mitsuba, its variant set to the one with derivatives.
+
+    Raises:
+        InputError: where LLVM is missing; names the package that has it.
+    """
     try:
         return mitsuba(VARIANT)
     except InputError as error:
