@@ -19,6 +19,7 @@ from fitter.mtl import ordinary_mtl, thesis_mtl
 from fitter.nearest import nearest_metals
 from fitter.parameters import MetalCoordinates
 from fitter.pixel_model import exact_reflectance, viewer_reflectance
+from fitter.polish import Polish, polish_scene, polished, require_polishable
 from fitter.prior import Prior, borrow
 from fitter.quality import ViewPictures
 from fitter.report import comparison_png, render_report
@@ -57,6 +58,7 @@ class FitOptions:
         command: the command line, for the report.
         type: of the materials that the scene file leaves open: "metal", "glossy", "matte", or "auto".
         prior: "catalogue" where known metals are to stand in for n and k that the photographs leave open.
+        polish: whether metals are fitted once more with Mitsuba's paths, interreflection included.
     """
 
     fidelity: Fidelity = PRESETS["standard"]
@@ -66,6 +68,7 @@ class FitOptions:
     command: str = ""
     type: str = "auto"
     prior: Prior = "none"
+    polish: bool = False
 
 
 @dataclass(frozen=True)
@@ -79,6 +82,7 @@ class FittedPart:
         spread: covariance of the fit's free vector.
         material: the numbers to report.
         told: the same in sentences.
+        polish: with Mitsuba's paths; None where there was none.
     """
 
     index: int
@@ -87,6 +91,7 @@ class FittedPart:
     spread: Spread
     material: FittedMaterial
     told: str
+    polish: Polish | None = None
 
 
 def fit_scene(
@@ -112,6 +117,8 @@ def fit_scene(
     """
     began = time.perf_counter() if begun is None else begun
     device = torch_device(options.device)
+    if options.polish:
+        require_polishable(options.fidelity)
     progress("reading", 0)
     loaded = load(scene_file)
     read = time.perf_counter()
@@ -120,6 +127,8 @@ def fit_scene(
         trace = gbuffer.tracer(loaded.shape)
         setting = setting_of(loaded, options, device)
         parts = fit_parts(loaded, trace, setting, options, progress, scene_file)
+        if options.polish:
+            parts = _polished_parts(loaded, parts, setting, options, progress)
         solving = sum(part.choice.fit.solve_seconds for part in parts)
         clock = _Clock(began, read, time.perf_counter(), solving)
         progress("writing the report", 0)
@@ -164,6 +173,25 @@ def fit_parts(
     return parts
 
 
+def _polished_parts(
+    loaded: Loaded, parts: Sequence[FittedPart], setting: Setting, options: FitOptions, progress: Progress
+) -> list[FittedPart]:
+    """The metals again, each in the light that the others send it; the rest as it was."""
+    found = {part.index: part.choice.fit.material for part in parts}
+
+    def again(part: FittedPart) -> FittedPart:
+        if found[part.index].type != "metal":
+            return replace(part, told=f"{part.told} It is no metal, so that the polish left it as it was.")
+        label = _labelled(progress, part.material.name, len(parts))
+        problem = Problem(part.observed, setting, SOLVERS[options.solver], label)
+        polish = polished(problem, part.choice.fit, polish_scene(loaded, setting, found, part.index))
+        choice = replace(part.choice, fit=polish.fit)
+        made = _part(part.index, part.material.name, part.observed, choice, setting, options.prior)
+        return replace(made, polish=polish)
+
+    return [again(part) for part in parts]
+
+
 def _labelled(progress: Progress, name: str, count: int) -> Progress:
     """Progress that names the material where there are several."""
     return progress if count == 1 else lambda stage, share: progress(f"{name}: {stage}", share)
@@ -171,7 +199,7 @@ def _labelled(progress: Progress, name: str, count: int) -> Progress:
 
 def _part(index: int, name: str, observed: Observations, choice: Choice, setting: Setting, prior: Prior) -> FittedPart:
     fit = choice.fit
-    uncertainty = spread(fit.residuals, fit.halves, fit.x)
+    uncertainty = spread(fit.residuals, fit.x)
     coordinates = fit.residuals.coordinates
     nearest = nearest_metals(fit.x, coordinates, uncertainty) if isinstance(coordinates, MetalCoordinates) else ()
     rho = None
@@ -265,6 +293,8 @@ def _views(loaded: Loaded, trace: Tracer, parts: Sequence[FittedPart], setting: 
             if own.any():
                 samples = fidelity.samples // FEWER_SHOWN
                 radiance[own] = setting.radiance(part.choice.fit.material, surface[own], samples)
+                if part.polish is not None:
+                    radiance[own] += part.polish.picture(surface[own])
         return radiance
 
     views = []
@@ -285,6 +315,7 @@ def _result(
     exposure = [1.0 if p.exposure == "fit" else p.exposure for p in loaded.photographs]
     types = {material.type for material in materials}
     self_seeing = sum(part.observed.self_seeing for part in parts) / len(parts)
+    polish = any(part.polish is not None for part in parts)
     return Result(
         status=status_of([part.choice for part in parts], materials),
         message=_message(loaded, parts, fidelity),
@@ -292,14 +323,14 @@ def _result(
         quality=quality.assess(views),
         exposure=tuple(exposure),
         model=Model(
-            fidelity=fidelity.name,
+            fidelity=f"{fidelity.name}, polished by Mitsuba's path tracer" if polish else fidelity.name,
             reflectance=", ".join(fidelity.reflectance_of(kind) for kind in sorted(types, reverse=True)),
             lobe=fidelity.lobe,
             samples=fidelity.samples,
             pixels=sum(len(part.observed.radiance) for part in parts),
             dtype="float32",
         ),
-        effects=effects_of(fidelity, types, len(setting.sources), self_seeing),
+        effects=effects_of(fidelity, types, len(setting.sources), self_seeing, polish),
         time=clock.now(),
         inputs=loaded.inputs,
     )

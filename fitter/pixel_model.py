@@ -41,6 +41,10 @@ class PixelModel(ABC):
     def under(self, table: LightTable | None) -> PixelModel:
         """The same pixels with another table."""
 
+    def mixing(self, material: Material) -> Float[Tensor, "a b 3"] | None:
+        """How much each number of the table's light counts, where the picture is their sum and nothing else."""
+        return None
+
     def half(self, which: int) -> PixelModel:
         """The same pixels with one half of the table's samples."""
         return self if self.table is None else self.under(self.table.half(which))
@@ -136,6 +140,17 @@ class ExactPixels(PixelModel):
         surface = self.reflected(functools.partial(exact_reflectance, material), material.roughness)
         return surface if isinstance(material, Metal) else surface + self._scattered_inside(material)
 
+    def mixing(self, material: Material) -> Float[Tensor, "a b 3"] | None:
+        """Level weights times Fresnel coefficients, for a metal that no directional light falls on."""
+        if not isinstance(material, Metal) or self.sources or self.light is None or self.table is None:
+            return None
+        coefficients = self._coefficients(functools.partial(exact_reflectance, material), material.roughness)
+        return self.table.level_weights(material.roughness)[:, None, None] * coefficients
+
+    def _coefficients(self, reflectance: Reflectance, like: Tensor) -> Float[Tensor, "b c"]:
+        assert self.light is not None
+        return transport.reflectance_coefficients(reflectance, self.light.shape[2], like)
+
     def _scattered_inside(self, material: Glossy) -> Float[Tensor, "p 3"]:
         """Light from below a rough dielectric, as Mitsuba's `roughplastic` has it."""
         eta, alpha = plastic.ior(material.reflectance[0]), material.roughness
@@ -151,8 +166,7 @@ class ExactPixels(PixelModel):
         assert self.table is not None
         assert self.light is not None
         weights = self.table.level_weights(alpha)
-        coefficients = transport.reflectance_coefficients(reflectance, self.light.shape[2], alpha)
-        found = transport.radiance(self.light, weights, coefficients)
+        found = transport.radiance(self.light, weights, self._coefficients(reflectance, alpha))
         for source in self.sources:
             found = found + source.reflected(reflectance, alpha, self.distribution)
         return found

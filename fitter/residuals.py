@@ -9,7 +9,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from fitter.parameters import Coordinates
-from fitter.pixel_model import PixelModel
+from fitter.pixel_model import ExactPixels, PixelModel
 
 ROBUST_AT = (
     6.0  # standard deviations: a path tracer's noise is skewed, and a nearer threshold would favour its low side
@@ -45,6 +45,25 @@ class Residuals:
     def whitened(self, x: Float[Tensor, " x"]) -> Float[Tensor, "p 3"]:
         """The differences, their noise made independent and of variance 1; outliers count by their size alone."""
         return huber(torch.einsum("prc,pc->pr", self.whitening, self.difference(x)), ROBUST_AT)
+
+    def slope(self, x: Float[Tensor, " x"]) -> Float[Tensor, "p 3 x"]:
+        """Derivative of the model; 0 where it is not finite."""
+
+        def mixing(x: Tensor) -> Tensor | None:
+            return self.model.mixing(self.coordinates.material(x))
+
+        if mixing(x) is None:
+            found = torch.func.jacfwd(self.difference)(x)
+        else:
+            assert isinstance(self.model, ExactPixels)
+            assert self.model.light is not None
+            found = torch.einsum("apbc,abcx->pcx", self.model.light, torch.func.jacfwd(mixing)(x))
+        return found.nan_to_num(0.0, 0.0, 0.0)
+
+    def robust_whitening(self, x: Float[Tensor, " x"]) -> Float[Tensor, "p 3 3"]:
+        """The whitening, lessened for outliers: least squares with it has the robust loss's slope at x."""
+        length = torch.einsum("prc,pc->pr", self.whitening, self.difference(x)).norm(dim=-1)
+        return self.whitening * (ROBUST_AT / length.clamp_min(ROBUST_AT)).sqrt()[:, None, None]
 
     def prior(self, x: Float[Tensor, " x"]) -> Float[Tensor, " q"]:
         """What is known before any photograph, of variance 1."""

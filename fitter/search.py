@@ -12,6 +12,7 @@ from jaxtyping import Float, Int
 from torch import Tensor
 
 from fitter.catalogue import read_catalogue
+from fitter.condensed import solved
 from fitter.fidelity import BLUR_RANGE, MICROFACET_RANGE, Fidelity
 from fitter.noise import even_whitening, local_whitening, neighbours_of, relative_weight, scatter
 from fitter.parameters import Coordinates, GlossyCoordinates, Interval, MatteCoordinates, MetalCoordinates, tint_of
@@ -114,11 +115,6 @@ class Fit:
     def material(self) -> Material:
         return self.residuals.coordinates.material(self.x)
 
-    @property
-    def halves(self) -> tuple[Residuals, Residuals]:
-        """The same residuals with either half of the light table's samples."""
-        return self.residuals.halves
-
     @cached_property
     def picture(self) -> Float[Tensor, "p 3"]:
         """Radiance of the material found, at the observed pixels."""
@@ -173,8 +169,8 @@ def _next_round(problem: Problem, before: Fit, table: LightTable | None) -> Fit:
         coordinates = replace(coordinates, roughness=_interval(table))  # type: ignore[call-arg]
     seen = problem.observed.radiance
     residuals = Residuals(model, coordinates, seen, _whitening(problem, model.radiance(before.material)))
-    solution = problem.solver(residuals, coordinates.free(before.material))
-    x = unbiased(residuals, residuals.halves, solution.x)
+    solution = solved(residuals, coordinates.free(before.material), problem.solver)
+    x = unbiased(residuals, solution.x)
     return Fit(residuals, solution, x, before.solve_seconds + solution.seconds)
 
 

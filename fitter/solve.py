@@ -23,7 +23,7 @@ PRECISE, ROUGH = 1e-6, 1e-2  # tolerances: of a result, and of a start for a bet
 UNSEEN = 0.1  # half a squared distance to the minimum, in standard errors of the parameters: 0.3 of one
 ZERO_RESIDUAL = 1e-9  # share of the first cost that counts as none where a perfect fit exists
 RANK_CUT = 1e-12  # singular values below this share of the largest are rounding
-ROWS, COLUMNS = 12288, 8  # problems are padded to multiples of these; a standard fit has 12003 × 7
+ROWS, COLUMNS = (256, 12288), 8  # problems are padded to the first, or to multiples of the others
 STILL = 5  # steps in a row below the tolerance end Adam
 MAX_STEPS = {"lm": 64, "adam": 1000, "lbfgs": 200}
 
@@ -65,7 +65,7 @@ def levenberg_marquardt(residual: Residual, start: Float[Tensor, " x"], toleranc
     import jax.numpy as jnp
 
     begun = time.perf_counter()
-    unknowns, rows = len(start), _multiple(ROWS, len(residual(start)))
+    unknowns, rows = len(start), _rows(len(residual(start)))
     bridge, run = _compiled(rows)
     bridge.function = lambda padded: _padded(residual(padded[:unknowns]), rows)
     value, steps = run(jnp.asarray(_padded(start, _multiple(COLUMNS, unknowns)).numpy()), tolerance)
@@ -73,6 +73,12 @@ def levenberg_marquardt(residual: Residual, start: Float[Tensor, " x"], toleranc
     if bridge.raised is not None:
         raise bridge.raised
     return _solution(residual, start, x, int(steps), begun, tolerance)
+
+
+def _rows(count: int) -> int:
+    """To how many rows a problem is padded."""
+    few, many = ROWS
+    return few if count <= few else _multiple(many, count)
 
 
 def _multiple(of: int, count: int) -> int:
@@ -163,7 +169,8 @@ def _solution(residual: Residual, start: Tensor, x: Tensor, steps: int, begun: f
         x, cost = start, first
     # Steps are no witness: a wall of NaN or a falling rate shrinks them to nothing before the minimum, and along a
     # valley that the residuals hardly determine they stay long when nothing is left to gain.
-    by_chance = UNSEEN * cost / max(1, len(residual(x)) - len(x))
+    # Condensed residuals are few for their cost; whitened ones have the variance 1 that noise then leaves of each.
+    by_chance = UNSEEN * min(1.0, cost / max(1, len(residual(x)) - len(x)))
     worthwhile = max(tolerance * cost, by_chance, ZERO_RESIDUAL * first)
     converged = _removable(residual, x) <= worthwhile
     return Solution(x, cost, "converged" if converged else "stopped", steps, time.perf_counter() - begun)

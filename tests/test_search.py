@@ -101,7 +101,7 @@ def test_microfacets_are_found_within_the_stated_errors(light, distribution, alp
     fail in one of seven numbers is 4e-6."""
     fidelity = replace(preset("preview", distribution), samples=256, search_samples=64)
     fit = fit_material(problem_of(gold(alpha), surface_of(24, 2), light, fidelity, samples=4096), "metal")
-    truth, errors = gold(alpha), spread(fit.residuals, fit.halves, fit.x).covariance.diagonal().sqrt()
+    truth, errors = gold(alpha), spread(fit.residuals, fit.x).covariance.diagonal().sqrt()
     assert fit.solution.status == "converged"
     assert (torch.logit(fit.material.f0) - torch.logit(truth.f0)).abs().lt(5 * errors[:3]).all()
     roughness = fit.residuals.coordinates.roughness
@@ -114,7 +114,7 @@ def test_a_rough_plastic_is_found_within_the_stated_errors(light, alpha):
     """As above, with colour and one reflectance."""
     truth = Glossy(*(float64(v) for v in ((0.6, 0.2, 0.05), (0.05, 0.05, 0.05), alpha)))
     fit = fit_material(problem_of(truth, surface_of(24, 2), light, preset("preview"), samples=4096), "glossy")
-    errors = spread(fit.residuals, fit.halves, fit.x).covariance.diagonal().sqrt()
+    errors = spread(fit.residuals, fit.x).covariance.diagonal().sqrt()
     assert fit.solution.status == "converged"
     assert (fit.x - fit.residuals.coordinates.free(truth)).abs().lt(5 * errors).all()
     torch.testing.assert_close(fit.material.color, truth.color, atol=0.03, rtol=0)  # or the errors would mean nothing
@@ -144,7 +144,7 @@ def test_a_type_that_is_given_is_kept_to(light):
 
 def test_the_nearest_metal_is_the_one_that_was_photographed(light):
     fit = fit_material(problem_of(gold(0.2), surface_of(24, 2), light, preset("preview"), samples=1024), "metal")
-    nearest = nearest_metals(fit.x, fit.residuals.coordinates, spread(fit.residuals, fit.halves, fit.x))
+    nearest = nearest_metals(fit.x, fit.residuals.coordinates, spread(fit.residuals, fit.x))
     assert nearest[0].name == "gold"
     assert [each.distance for each in nearest] == sorted(each.distance for each in nearest)
 
