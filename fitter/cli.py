@@ -189,13 +189,17 @@ def fit(
     prior: Annotated[
         PriorName, typer.Option(help="What stands in for n and k that the photographs leave open.")
     ] = PriorName.none,
+    polish: Annotated[
+        bool, typer.Option("--polish", help="Fit metals once more with Mitsuba's paths: interreflection. Needs LLVM.")
+    ] = False,
     solver: Annotated[SolverName, typer.Option(help="Least squares by which method.")] = SolverName.lm,
     seed: Seed = 0,
     device: Annotated[str, typer.Option(help="Where light is integrated: cpu, cuda, cuda:1 …")] = "cpu",
     quiet: Quiet = False,
 ) -> None:
     """Fit the material of a scene; writes result.json, report.html and two MTL files."""
-    code = _fit(scene, out, type_.value, fidelity.value, lobe.value, prior.value, solver.value, seed, device, quiet)
+    chosen = (type_.value, fidelity.value, lobe.value, prior.value, solver.value)
+    code = _fit(scene, out, *chosen, seed, device, quiet, polish=polish)
     raise typer.Exit(code)
 
 
@@ -342,6 +346,7 @@ def _fit(
     device: str,
     quiet: bool,
     begun: float = BEGUN,
+    polish: bool = False,
 ) -> int:
     with progress_bar(quiet) as progress:
         progress("starting", 0)
@@ -352,7 +357,7 @@ def _fit(
             import fitter.bridge  # noqa: F401 — its imports are start-up, not solving
         command = shlex.join(["fit-material", *sys.argv[1:]])
         chosen = preset(fidelity, lobe)  # type: ignore[arg-type] — a value of LobeName
-        options = FitOptions(chosen, solver, seed, device, command, kind, prior)  # type: ignore[arg-type] — PriorName's
+        options = FitOptions(chosen, solver, seed, device, command, kind, prior, polish)  # type: ignore[arg-type] — PriorName's
         result = fit_scene(scene, out, options, progress, begun)
     _print_result(result, out)
     return DONE if result.status == "converged" else NO_MATERIAL
