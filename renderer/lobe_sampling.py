@@ -15,6 +15,8 @@ from renderer.lamps import LampSampler
 from renderer.latlong import LatLong
 from shaders import lobe
 
+_STRAIGHT = 1e-9  # sine of a view straight down the normal, for which any tangent will do
+
 
 @dataclass(frozen=True)
 class LightSampler:
@@ -50,14 +52,19 @@ def frames(surface: GBuffer, ray: Tensor) -> Frames:
     tangent = view - cos_v[..., None] * normal
     # From float64: a cosine in float32 does not tell the small angles that a narrow lobe resolves.
     sin_v = tangent.norm(dim=-1)
-    # Looking straight down any tangent will do: take one that is surely not parallel to the normal.
-    axis = torch.nn.functional.one_hot(normal.abs().argmin(-1), 3).to(normal)
-    fallback = torch.linalg.cross(normal, axis)
-    tangent = torch.where(sin_v[..., None] > 1e-9, tangent, fallback)
-    tangent = torch.nn.functional.normalize(tangent, dim=-1)
+    tangent = tangent / sin_v[..., None].clamp_min(_STRAIGHT)
+    straight = sin_v <= _STRAIGHT
+    if straight.any():
+        tangent[straight] = _any_tangent(normal[straight])
     bitangent = torch.linalg.cross(normal, tangent)
     axes = tuple(tuple(axis[:, ray, i].float().contiguous() for i in range(3)) for axis in (tangent, bitangent, normal))
     return Frames(cos_v[:, ray].float().clamp(1e-6, 1), sin_v[:, ray].float(), axes)  # type: ignore[arg-type]
+
+
+def _any_tangent(normal: Float[Tensor, "p 3"]) -> Float[Tensor, "p 3"]:
+    """Perpendicular to the axis that is the least parallel to each normal."""
+    axis = torch.nn.functional.one_hot(normal.abs().argmin(-1), 3).to(normal)
+    return torch.nn.functional.normalize(torch.linalg.cross(normal, axis), dim=-1)
 
 
 @dataclass(frozen=True)

@@ -12,6 +12,7 @@ from renderer import cubemap, transport
 from renderer.camera import Camera, look_at
 from renderer.cubemap import Cubemap
 from renderer.environment import Environment
+from renderer.fused_table import fused_available
 from renderer.gbuffer import GBuffer, pixel_footprints, tracer
 from renderer.mesh import Sphere
 from renderer.to_mitsuba import conductor, envmap, mitsuba, mitsuba_shape, sensor
@@ -20,6 +21,14 @@ from tests.quadrature import albedo
 
 GOLD = (0.146, 0.425, 1.431), (3.578, 2.326, 1.85)
 DISTRIBUTIONS = ["ggx", "beckmann"]
+
+
+@pytest.fixture(params=["torch", "fused"])
+def integrator(request, monkeypatch):
+    """Each of the two ways to integrate a table, as if it were the only one."""
+    if request.param == "fused" and not fused_available():
+        pytest.skip("LLVM's library is absent")
+    monkeypatch.setattr(transport, "fused_available", lambda: request.param == "fused")
 
 
 def lit_room(rotation: float = 0.0) -> Environment:
@@ -80,6 +89,7 @@ def metal(n=GOLD[0], k=GOLD[1]):
     return lambda cos_d: fresnel.conductor(cos_d, n, k)
 
 
+@pytest.mark.usefixtures("integrator")
 @pytest.mark.parametrize("alpha", [0.05, 0.3, 1.0])
 @pytest.mark.parametrize("n_dot_v", [0.95, 0.5, 0.1])
 @pytest.mark.parametrize("distribution", DISTRIBUTIONS)
@@ -142,6 +152,7 @@ def check_against_mitsuba(size, samples, alpha, distribution, rotation, repeats,
     assert 0.4 - 0.1 < ratio < 1 + 2 * 0.25, told
 
 
+@pytest.mark.usefixtures("integrator")
 @pytest.mark.parametrize(("distribution", "alpha", "rotation"), [("ggx", 0.2, 40.0), ("beckmann", 0.3, 0.0)])
 def test_a_rough_metal_is_mitsubas(distribution, alpha, rotation):
     check_against_mitsuba(24, 4096, alpha, distribution, rotation, repeats=16, spp=256)
@@ -154,6 +165,7 @@ def test_rough_metals_are_mitsubas(distribution, alpha):
     check_against_mitsuba(32, 4096, alpha, distribution, -75.0, repeats=16, spp=512)
 
 
+@pytest.mark.usefixtures("integrator")
 @pytest.mark.parametrize("distribution", DISTRIBUTIONS)
 def test_halves_tell_the_noise_and_fall_with_the_samples(distribution):
     """The halves' variance is that of independent tables, or up to 2.5 times as much, and no more than 1/samples."""
@@ -180,6 +192,7 @@ def test_halves_together_are_the_table():
     assert not torch.equal(*both)
 
 
+@pytest.mark.usefixtures("integrator")
 def test_levels_between_are_interpolated():
     """Eight Chebyshev nodes in log α against tables computed at that very α, from the same random numbers."""
     surface = facing([0.2, 0.5, 0.8, 0.97])
@@ -212,6 +225,7 @@ def test_roughness_beyond_the_levels_is_the_ends():
     assert transport.levels(0.1, 0.4, 3, "linear") == pytest.approx([0.1, 0.25, 0.4])
 
 
+@pytest.mark.usefixtures("integrator")
 def test_schlick_needs_six_polynomials():
     """F of degree 5 in cos_d: more polynomials add nothing, fewer leave an error."""
     surface, f0 = facing([0.1, 0.4, 0.9]), torch.tensor([0.95, 0.5, 0.04], dtype=torch.float64)
@@ -292,6 +306,7 @@ def turned(surface: GBuffer, degrees: float) -> GBuffer:
     return replace(surface, **vectors)
 
 
+@pytest.mark.usefixtures("integrator")
 @pytest.mark.parametrize("distribution", DISTRIBUTIONS)
 def test_turning_scene_and_light_together_changes_nothing(distribution):
     *_, surface = ball(12)
@@ -302,6 +317,7 @@ def test_turning_scene_and_light_together_changes_nothing(distribution):
     torch.testing.assert_close(after, before, rtol=2e-3, atol=0)
 
 
+@pytest.mark.usefixtures("integrator")
 def test_turning_the_light_is_rolling_its_map():
     """A quarter turn moves the columns by a quarter; the lamps are then drawn along another curve, hence the noise."""
     *_, surface = ball(12)
@@ -321,6 +337,7 @@ def test_turning_the_light_is_rolling_its_map():
     assert difference.mean().abs() < 5 * (variance.sum() * 3).sqrt() / difference.numel()
 
 
+@pytest.mark.usefixtures("integrator")
 def test_the_same_seed_gives_the_same_table():
     surface, told = facing([0.2, 0.7]), []
     one, again, other = (
@@ -342,6 +359,7 @@ def test_the_same_seed_gives_the_same_table():
     assert told == [1.0] * 3
 
 
+@pytest.mark.usefixtures("integrator")
 @pytest.mark.parametrize("distribution", DISTRIBUTIONS)
 @pytest.mark.parametrize("alpha", [1e-3, 1.0])
 def test_the_hardest_angles_stay_finite_and_positive(distribution, alpha):
