@@ -126,7 +126,8 @@ def test_a_metal_unlike_all_others_is_not_forced():
 @pytest.mark.slow
 def test_published_measurements_that_the_catalogue_lacks_lie_within_the_intervals(shared_data):
     """Other sources' n and k of its metals, and metals that it lacks, by F0 alone: 174 numbers, three of which are
-    one draw, as channels differ alike. So the share within scatters by √(0.95·0.05/58) = 0.029; two of these down."""
+    one draw, as channels differ alike. So the share within scatters by √(0.95·0.05/58) = 0.029; two of these down.
+    Most of these tables set the prior's widths, too: this is a check of its shape, not of its widths."""
     inside = []
     with (shared_data / "ior" / "ior_rgb.csv").open(encoding="utf-8", newline="") as file:
         rows = [row for row in csv.DictReader(file) if "refractiveindex" in row["source"] and row["kind"] == "metal"]

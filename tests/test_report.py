@@ -15,7 +15,7 @@ from fitter.parameters import Interval, MetalCoordinates
 from fitter.pictures import LONGEST_SIDE, comparison_png, tiles
 from fitter.pixel_model import exact_reflectance, viewer_reflectance
 from fitter.report import ViewPictures, render_report
-from fitter.result import FittedMaterial, Nearest, Quality
+from fitter.result import Determined, FittedMaterial, FromPrior, Nearest, Quality, Share
 from fitter.uncertainty import Spread
 from shaders import fresnel
 from shaders.materials import Metal
@@ -217,3 +217,12 @@ def test_two_photographs_of_one_name_keep_their_own_numbers():
     assert "1.23" in first
     assert "<b>2. a</b>" in second
     assert "4.56" in second.partition("</figcaption>")[0]
+
+
+def test_numbers_of_the_catalogue_are_marked():
+    taken = FromPrior(n=(False, False, True), k=(False,) * 3, metals=(Share(name="gold", share=1.0),))
+    found = gold(n=(0.15, 0.43, 1.4), determined=Determined(n=(True, True, False)), from_prior=taken)
+    html = page_of(result(materials=(found,)))
+    assert html.count("from the catalogue") == 1
+    assert html.index("1.4") < html.index("from the catalogue") < html.index("extinction coefficient")
+    assert "from the catalogue" not in page_of(result())
