@@ -379,8 +379,11 @@ def _numbers(material: FittedMaterial, key: str) -> Iterator[str]:
     parts = [getattr(part, key, None) for part in (material, material.stderr, material.from_prior)]
     count = 3 if isinstance(parts[0], tuple) else 1
     for value, error, taken in zip(*(_channels(part, count) for part in parts), strict=True):
-        stated = f"{value:.4g} ± {error:.4g}" if error is not None else f"{value:.4g}"
-        yield f"{stated} (catalogue)" if taken else stated if error is not None else f"{stated} (not determined)"
+        yield _with_error(value, error) if not taken else f"{_with_error(value, error, '')} (catalogue)"
+
+
+def _with_error(value: float, error: float | None, none: str = " (not determined)") -> str:
+    return f"{value:.4g} ± {error:.4g}" if error is not None else f"{value:.4g}{none}"
 
 
 def _channels(part: Any, count: int) -> Any:
