@@ -25,6 +25,8 @@ class Bridge:
 
     Attributes:
         function: from a float64 vector to a float64 vector of length `size`, pure.
+        jacobian: of that vector, float64; torch's forward derivatives of `function` unless something else is put here
+            after it.
         size: length of the result.
         raised: what `function` raised, Ctrl-C included, since it was put here. JAX would print a traceback of its own
             and tell only its text: it gets NaN instead, and whoever called JAX looks here.
@@ -41,6 +43,7 @@ class Bridge:
     @function.setter
     def function(self, function: Callable[[Tensor], Tensor]) -> None:
         self._function = function
+        self.jacobian: Callable[[Tensor], Tensor] = torch.func.jacfwd(function)
         self.raised: BaseException | None = None
         self._last: tuple[Tensor, Tensor] | None = None  # a point, and the Jacobian there
 
@@ -81,7 +84,7 @@ class Bridge:
     def _jacobian_at(self, point: Tensor) -> Tensor:
         # A Levenberg–Marquardt step asks twice at one point: for the slope, and for the matrix.
         if self._last is None or not torch.equal(point, self._last[0]):
-            self._last = point, torch.func.jacfwd(self._function)(point).detach()
+            self._last = point, self.jacobian(point).detach()
         return self._last[1]
 
 

@@ -10,8 +10,7 @@ exactly, whatever u: the solver's steps cost no more for a million pixels than f
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import torch
 from jaxtyping import Float
@@ -45,23 +44,43 @@ def solved(residuals: Residuals, start: Float[Tensor, " x"], solver: Solver) -> 
     return solution
 
 
-def condensed(residuals: Residuals, around: Float[Tensor, " x"]) -> Callable[[Tensor], Tensor]:
-    """A short vector with the sum of squares of the residuals, as outliers are weighed at one free vector.
+@dataclass(frozen=True)
+class Condensed:
+    """A short vector with the sum of squares of residuals, as outliers are weighed at one free vector.
+
+    Attributes:
+        triangle: R.
+        origin: mixing at that free vector, flat; written as differences to it, the equations keep their digits.
+        residuals: what was condensed.
+    """
+
+    triangle: Float[Tensor, "u+1 u+1"]
+    origin: Float[Tensor, " u"]
+    residuals: Residuals
+
+    def __call__(self, x: Float[Tensor, " x"]) -> Float[Tensor, " r"]:
+        """R (u - u₀, 1) and the prior."""
+        way = torch.cat([_mixing(self.residuals, x) - self.origin, self.origin.new_ones(1)])
+        return torch.cat([self.triangle @ way, self.residuals.prior(x)])
+
+    def jacobian(self, x: Float[Tensor, " x"]) -> Float[Tensor, "r x"]:
+        """Its derivative; backwards, which for so few numbers is sooner done than forwards."""
+        pixels = self.triangle[:, :-1] @ torch.func.jacrev(lambda x: _mixing(self.residuals, x))(x)
+        return torch.cat([pixels, torch.func.jacrev(self.residuals.prior)(x)])
+
+
+def condensed(residuals: Residuals, around: Float[Tensor, " x"]) -> Condensed:
+    """The residuals of a model with a mixing, condensed.
 
     Args:
-        residuals: of a model with a mixing.
-        around: that free vector; written as differences to it, the equations keep their digits.
+        residuals: of many pixels.
+        around: the free vector at which outliers are weighed.
     """
-    model, coordinates = residuals.model, residuals.coordinates
+    model = residuals.model
     assert isinstance(model, ExactPixels)
     light = model.light
     assert light is not None
     whitening, left = residuals.robust_whitening(around), residuals.difference(around)
-
-    def mixing(x: Tensor) -> Tensor:
-        found = model.mixing(coordinates.material(x))
-        assert found is not None
-        return found.flatten()
 
     def gram(first: int) -> Float[Tensor, "u u"]:
         part = slice(first, first + CHUNK)
@@ -70,13 +89,13 @@ def condensed(residuals: Residuals, around: Float[Tensor, " x"]) -> Callable[[Te
         rows = torch.cat([equations, known], 2).flatten(0, 1)
         return rows.T @ rows
 
-    total = sum(map_in_threads(gram, range(0, len(left), CHUNK)))
-    values, vectors = torch.linalg.eigh(total)
+    grams = list(map_in_threads(gram, range(0, len(left), CHUNK)))
+    values, vectors = torch.linalg.eigh(torch.stack(grams).sum(0))
     triangle = values.clamp_min(0).sqrt()[:, None] * vectors.T
-    origin = mixing(around).detach()
-    one = torch.ones(1, dtype=torch.float64)
+    return Condensed(triangle, _mixing(residuals, around).detach(), residuals)
 
-    def residual(x: Tensor) -> Tensor:
-        return torch.cat([triangle @ torch.cat([mixing(x) - origin, one]), residuals.prior(x)])
 
-    return residual
+def _mixing(residuals: Residuals, x: Float[Tensor, " x"]) -> Float[Tensor, " u"]:
+    found = residuals.model.mixing(residuals.coordinates.material(x))
+    assert found is not None
+    return found.flatten()

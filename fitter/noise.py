@@ -7,6 +7,7 @@ flicker is white), so that their ratios are known far better than themselves; on
 
 from __future__ import annotations
 
+import numpy as np
 import torch
 from jaxtyping import Float, Int
 from torch import Tensor
@@ -73,7 +74,8 @@ def neighbours_of(surface: GBuffer, count: int = NEIGHBOURS) -> Int[Tensor, "p q
     count = min(count, len(place) - 1)
     if count < 1:
         return torch.zeros(len(place), 1, dtype=torch.long)
-    return torch.from_numpy(KDTree(place).query(place, count + 1)[1][:, 1:])
+    _, nearest = KDTree(place).query(place, count + 1)
+    return torch.from_numpy(np.asarray(nearest)[:, 1:])
 
 
 def _level(radiance: Float[Tensor, "p 3"], share: float) -> Float[Tensor, "p 3"]:

@@ -57,7 +57,7 @@ class Residuals:
         else:
             assert isinstance(self.model, ExactPixels)
             assert self.model.light is not None
-            found = torch.einsum("apbc,abcx->pcx", self.model.light, torch.func.jacfwd(mixing)(x))
+            found = torch.einsum("apbc,abcx->pcx", self.model.light, torch.func.jacrev(mixing)(x))
         return found.nan_to_num(0.0, 0.0, 0.0)
 
     def robust_whitening(self, x: Float[Tensor, " x"]) -> Float[Tensor, "p 3 3"]:

@@ -67,8 +67,11 @@ def levenberg_marquardt(residual: Residual, start: Float[Tensor, " x"], toleranc
     begun = time.perf_counter()
     unknowns, rows = len(start), _rows(len(residual(start)))
     bridge, run = _compiled(rows)
+    columns = _multiple(COLUMNS, unknowns)
+    jacobian = jacobian_of(residual)
     bridge.function = lambda padded: _padded(residual(padded[:unknowns]), rows)
-    value, steps = run(jnp.asarray(_padded(start, _multiple(COLUMNS, unknowns)).numpy()), tolerance)
+    bridge.jacobian = lambda padded: _padded(_padded(jacobian(padded[:unknowns]), rows).T, columns).T
+    value, steps = run(jnp.asarray(_padded(start, columns).numpy()), tolerance)
     x = torch.tensor(value.tolist(), dtype=torch.float64)[:unknowns]  # waits for JAX
     if bridge.raised is not None:
         raise bridge.raised
@@ -86,8 +89,13 @@ def _multiple(of: int, count: int) -> int:
     return -(-count // of) * of
 
 
-def _padded(vector: Float[Tensor, " x"], size: int) -> Float[Tensor, " size"]:
-    return torch.cat([vector, vector.new_zeros(size - len(vector))])
+def _padded(rows: Float[Tensor, "*q"], size: int) -> Float[Tensor, "*q"]:
+    return torch.cat([rows, rows.new_zeros(size - len(rows), *rows.shape[1:])])
+
+
+def jacobian_of(residual: Residual) -> Residual:
+    """Its own `jacobian` where it has one, else torch's forward derivatives."""
+    return getattr(residual, "jacobian", None) or torch.func.jacfwd(residual)
 
 
 @functools.cache
@@ -178,7 +186,7 @@ def _solution(residual: Residual, start: Tensor, x: Tensor, steps: int, begun: f
 
 def _removable(residual: Residual, x: Tensor) -> float:
     """The cost that one more Gauss–Newton step would remove, ½|J J⁺ r|²; infinite where J is not finite."""
-    jacobian, r = torch.func.jacfwd(residual)(x), residual(x)
+    jacobian, r = jacobian_of(residual)(x), residual(x)
     if not (jacobian.isfinite().all() and r.isfinite().all()):
         return math.inf
     span, singular, _ = torch.linalg.svd(jacobian, full_matrices=False)

@@ -7,10 +7,12 @@ import pytest
 import torch
 from hypothesis import given
 from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
 
+from fitter.noise import even_whitening, relative_weight
 from fitter.parameters import TINT_WIDTH, GlossyCoordinates, Interval, MatteCoordinates, MetalCoordinates
 from fitter.pixel_model import BlurredByTable, Body, DirectLight, ExactPixels, PixelModel, ViewerPixels
-from fitter.residuals import ROBUST_AT, Residuals, pseudo_huber, relative_weight, scatter
+from fitter.residuals import ROBUST_AT, Residuals, huber
 from renderer.transport import LightTable
 from shaders import fresnel
 from shaders.shade import DirectionalLight, Points
@@ -22,50 +24,43 @@ def float64(value) -> torch.Tensor:
     return torch.as_tensor(value, dtype=torch.float64)
 
 
-@given(st.floats(-1e8, 1e8), st.floats(1e-3, 1e3))
-def test_half_its_square_is_the_pseudo_huber_loss(r, threshold):
-    found = pseudo_huber(float64(r), threshold).item()
-    # t²(√(1 + q²) - 1) cancels for small q; t² q²/(√(1 + q²) + 1) is the same number
-    q = r / threshold
-    assert 0.5 * found**2 == pytest.approx(threshold**2 * q**2 / (math.sqrt(1 + q**2) + 1), rel=16 * EPS)
-    assert math.copysign(1, found) == math.copysign(1, r) or found == 0
+vectors = arrays(np.float64, (4, 3), elements=st.floats(-1e8, 1e8))
 
 
-@given(st.floats(1e-9, 1e-3), st.floats(0.1, 10))
-def test_small_differences_count_by_their_square_and_large_ones_by_their_size(share, threshold):
-    small, large = share * threshold, threshold / share
-    # ψ² = r²(1 - q²/4 + …), and for large r ψ² = 2t|r|(1 - 1/q + …)
-    assert pseudo_huber(float64(small), threshold).item() == pytest.approx(small, rel=share**2 / 8 + 8 * EPS)
-    grown = pseudo_huber(float64(large), threshold).item() ** 2
-    assert grown == pytest.approx(2 * threshold * large, rel=share + 8 * EPS)
+@given(vectors, st.floats(1e-3, 1e3))
+def test_half_its_square_is_hubers_loss_of_the_length(r, threshold):
+    found = huber(float64(r), threshold)
+    for vector, shortened in zip(r, found, strict=True):
+        length = math.sqrt(sum(float(v) ** 2 for v in vector))
+        loss = 0.5 * length**2 if length <= threshold else threshold * length - 0.5 * threshold**2
+        assert 0.5 * float(shortened.square().sum()) == pytest.approx(loss, rel=64 * EPS, abs=1e-300)
+        torch.testing.assert_close(
+            shortened / shortened.norm().clamp_min(1e-300), float64(vector / max(length, 1e-300))
+        )
+
+
+@given(vectors)
+def test_what_is_no_outlier_stays_as_it_is(r):
+    small = float64(r) * 1e-9
+    torch.testing.assert_close(huber(small, 6.0), small, rtol=4 * EPS, atol=0)
 
 
 @pytest.mark.parametrize("r", [-30.0, -1.0, 0.0, 0.2, 50.0])
 def test_derivatives_meet_finite_differences(r):
-    assert torch.autograd.gradcheck(lambda value: pseudo_huber(value, 3.0), float64(r).requires_grad_())
-    if r == 0:
-        assert torch.func.grad(lambda value: pseudo_huber(value, 3.0))(float64(0.0)) == 1
+    at = float64([[r, 0.0, 0.3 * r]]).requires_grad_()
+    assert torch.autograd.gradcheck(lambda value: huber(value, 3.0), at)
+    assert torch.func.jacfwd(lambda value: huber(value, 3.0))(at.detach()).isfinite().all()
 
 
-def test_dark_pixels_weigh_no_more_than_the_floor_allows():
-    radiance = float64([[0.0, 1.0, 10.0], [1.0, 2.0, 20.0], [100.0, 3.0, 0.01]])
-    # medians 1, 2, 10; a twentieth of each is the least radiance that is divided by
-    expected = 1 / float64([[0.05, 1.0, 10.0], [1.0, 2.0, 20.0], [100.0, 3.0, 0.5]])
-    torch.testing.assert_close(relative_weight(radiance), expected)
-
-
-def test_black_photographs_have_finite_weights():
-    weight = relative_weight(torch.zeros(5, 3, dtype=torch.float64))
-    assert weight.isfinite().all()
-    assert (weight > 0).all()
-
-
-def test_scatter_is_the_standard_deviation_and_ignores_outliers():
-    r = 3 * torch.randn(100_000, dtype=torch.float64, generator=torch.Generator().manual_seed(1))
-    # the median absolute deviation of N normal numbers has a relative error of 1.17/√N
-    assert scatter(r) == pytest.approx(3, rel=5 * 1.17 / math.sqrt(1e5))
-    r[:1000] = 1e9  # one in a hundred moves the median by 1 % of a rank: 0.013 of its value
-    assert scatter(r) == pytest.approx(3, rel=0.04)
+def test_the_robust_whitening_has_the_losss_slope():
+    """Σ ψψ' of the loss against WᵀW r of the lessened whitening, at a vector with outliers in it."""
+    model, x = exact_pixels(), float64(X)
+    photograph = model.radiance(METAL.material(x)) + float64([0.0, 0.1, 3.0, -9.0, 40.0])[:, None]
+    residuals = Residuals(model, METAL, photograph, torch.eye(3).double().expand(5, 3, 3))
+    slope = torch.func.grad(lambda x: 0.5 * residuals.whitened(x).square().sum())(x)
+    whitening = residuals.robust_whitening(x)
+    jacobian, left = whitening @ residuals.slope(x), torch.einsum("prc,pc->pr", whitening, residuals.difference(x))
+    torch.testing.assert_close(torch.einsum("prx,pr->x", jacobian, left), slope)
 
 
 SPAN = Interval(0.1, 0.8, logarithmic=True)
@@ -96,9 +91,8 @@ def test_the_residual_vector_is_what_it_says():
     x, whole = float64(X), exact_pixels()
     model = ExactPixels(whole.table, whole.light, None, (), "ggx")
     metal = METAL.material(x)
-    photograph, weight = random(5, 3, seed=4) + 0.5, random(5, 3, seed=5) + 0.5
-    threshold = 2.0
-    residuals = Residuals(model, METAL, photograph, weight, threshold / ROBUST_AT)
+    photograph, whitening = random(5, 3, seed=4) + 0.5, 10 * (random(5, 3, 3, seed=5) - 0.3)
+    residuals = Residuals(model, METAL, photograph, whitening)
 
     node = -np.cos(np.pi * np.arange(4) / 3)
     log_alpha = 2 * math.log(metal.roughness.item() / 0.1) / math.log(8) - 1
@@ -108,18 +102,19 @@ def test_the_residual_vector_is_what_it_says():
     curve = np.array([[exact(float64(c), n, k).item() for n, k in zip(metal.n, metal.k, strict=True)] for c in cos_d])
     f = np.polynomial.chebyshev.chebfit(2 * cos_d - 1, curve, 5)
     image = np.einsum("a,apbc,bc->pc", level, model.table.light.double().mean(0).numpy(), f)
-    difference = (image - photograph.numpy()) * weight.numpy()
-    np.testing.assert_allclose(residuals.weighted(x), difference, atol=1e-12)
-    robust = np.sign(difference) * np.sqrt(2 * 4 * (np.sqrt(1 + (difference / 2) ** 2) - 1))
-    np.testing.assert_allclose(residuals(x)[:-3].reshape(5, 3), robust, atol=1e-7)  # √ of a cancellation near 0
-    prior = x[3:6].numpy() / TINT_WIDTH * threshold / ROBUST_AT
-    np.testing.assert_allclose(residuals(x)[-3:], prior, rtol=1e-12)
+    difference = np.einsum("prc,pc->pr", whitening.numpy(), image - photograph.numpy())
+    length = np.sqrt((difference**2).sum(1, keepdims=True))
+    assert (length > ROBUST_AT).any()
+    assert (length < ROBUST_AT).any()
+    loss = np.where(length > ROBUST_AT, 2 * ROBUST_AT * length - ROBUST_AT**2, length**2)
+    np.testing.assert_allclose(residuals(x)[:-3].reshape(5, 3), difference * np.sqrt(loss) / length, atol=1e-10)
+    np.testing.assert_allclose(residuals(x)[-3:], x[3:6].numpy() / TINT_WIDTH, rtol=1e-12)
 
 
 def test_a_model_that_meets_the_photograph_leaves_nothing():
     model, x = exact_pixels(), float64(X)
     photograph = model.radiance(METAL.material(x))
-    residuals = Residuals(model, METAL, photograph, relative_weight(photograph), 3.0)
+    residuals = Residuals(model, METAL, photograph, even_whitening(relative_weight(photograph), 3.0))
     assert residuals(x)[:-3].abs().max() == 0
     assert residuals(x + 0.1)[:-3].abs().max() > 1e-3
 
@@ -128,10 +123,11 @@ def test_a_model_that_meets_the_photograph_leaves_nothing():
 @pytest.mark.parametrize("coordinates", [METAL, GlossyCoordinates(SPAN, channels=1), MatteCoordinates(1)])
 def test_the_jacobian_meets_finite_differences(model: PixelModel, coordinates):
     photograph = random(5, 3, seed=4)
-    residuals = Residuals(model, coordinates, photograph, relative_weight(photograph), 3.0)
+    residuals = Residuals(model, coordinates, photograph, even_whitening(relative_weight(photograph), 0.1))
     x = float64(X)[-coordinates.size :]
     assert torch.autograd.gradcheck(residuals, x.clone().requires_grad_())
     torch.testing.assert_close(torch.func.jacfwd(residuals)(x), torch.func.jacrev(residuals)(x))
+    torch.testing.assert_close(residuals.slope(x), torch.func.jacfwd(residuals.difference)(x))
 
 
 def test_lazanyi_cannot_see_the_tint_and_the_conductor_can():
