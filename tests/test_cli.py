@@ -36,7 +36,7 @@ FILES = {"result.json", "report.html", "comparison.png", "sphere.mtl", "sphere.t
 # DESIGN.md's contract of result.json, written out once more
 TOP = "format status message materials quality exposure model effects time inputs"
 PARAMETERS = "n k f0 alpha roughness color reflectance"
-MATERIAL = f"name type {PARAMETERS} stderr interval95 determined nearest"
+MATERIAL = f"name type {PARAMETERS} stderr interval95 determined nearest from_prior"
 QUALITY = "rms_relative psnr ssim"
 MODEL = "fidelity reflectance lobe samples pixels dtype"
 TIME = "load prepare solve report total"
