@@ -1,4 +1,4 @@
-"""Light tables integrated by one compiled kernel: what `renderer.transport` sums in torch, some twenty times sooner.
+"""Light tables integrated by one compiled kernel: what `renderer.transport` sums in torch, some nine times sooner.
 
 A thread of the kernel is one half of one pixel's samples. It walks through them once, and keeps in its registers the
 sums that the table is made of; nothing is stored per sample.
