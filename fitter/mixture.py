@@ -12,31 +12,20 @@ from jaxtyping import Float
 from torch import Tensor
 
 from fitter.catalogue import Metal, read_catalogue
+from fitter.expected import Expected, Shape, expectations
 from fitter.measured import Measured
 from fitter.nearest import covariance_of
-from fitter.parameters import TINT_WIDTH, Interval, MetalCoordinates, tint_of
+from fitter.parameters import TINT_WIDTH, Interval, MetalCoordinates
 from fitter.uncertainty import Spread
 from shaders import fresnel
 
-# How far one published measurement of a metal lies from the mean of its metal's, as robust standard deviations (1.48
-# medians) over 36 measurements of 13 metals (Au, Ag, Cu, Al, Fe, Ni, Cr, Ti, W, Pt, Zn, Co, Mo: RefractiveIndex.INFO's
-# at 630, 532, 465 nm): of logit F0 and of tint, what all channels share and what each has for itself. A surface that
-# reflects more has a lower tint: the correlation of both.
-SHARED = (0.70, 0.15)
-OWN = (0.10, 0.04)
-CORRELATION = -0.69
-
 UNKNOWN_SHARE = 0.05  # of metals outside the catalogue, before any photograph
-UNKNOWN_WIDTH = 2.0  # times the catalogue's own scatter, is theirs
 TOO_FAR = 0.0027  # chance of a metal's own photographs to lie as far from it: three standard deviations
 DRAWS = 2000  # of each metal's posterior: its quantiles to 1 % of a standard deviation
 DEGREES_OF_FREEDOM = 4  # of the t distribution they are drawn from: heavier tails than those of the posterior
 FAR = 2.0  # tints: beyond, every curve is flat
 LEAST_SHARE = 0.05  # of a metal worth naming
 COS_D = (0.7, 0.5, 0.34)  # 45°, 60°, 70°: the mean reflectance there follows what pictures tell of the tint
-
-Shape = Float[Tensor, "*s 6"]
-"""logit F0 and tint (`parameters.tint_of`), red, green, blue."""
 
 
 Triple = tuple[Measured, Measured, Measured]
@@ -92,7 +81,7 @@ def catalogue_prior(
     from scipy.stats import chi2
 
     metals, seen = read_catalogue() if metals is None else metals, _seen(x, coordinates, spread)
-    parts = [_posterior(known, seen) for known in _expectations(metals)]
+    parts = [_posterior(known, seen) for known in expectations(metals)]
     shares = torch.tensor([(1 - unknown_share) / len(metals)] * len(metals) + [unknown_share], dtype=torch.float64)
     away = torch.tensor([part.away for part in parts], dtype=torch.float64)
     near = away <= float(chi2.isf(TOO_FAR, len(seen.found)))
@@ -157,49 +146,6 @@ def _seen(x: Float[Tensor, " x"], coordinates: MetalCoordinates, spread: Spread)
 
 
 @dataclass(frozen=True)
-class _Expected:
-    """A normal distribution of shapes."""
-
-    mean: Float[Tensor, "6"]
-    covariance: Float[Tensor, "6 6"]
-
-    def __call__(self, shape: Shape) -> Shape:
-        """The deviation from the mean in independent standard deviations."""
-        return (shape - self.mean) @ self.slope.T
-
-    @property
-    def slope(self) -> Float[Tensor, "6 6"]:
-        return torch.linalg.inv(torch.linalg.cholesky(self.covariance))
-
-    @property
-    def log_density(self) -> Float[Tensor, ""]:
-        """At the mean."""
-        return -0.5 * torch.logdet(2 * math.pi * self.covariance)
-
-
-def _expectations(metals: Sequence[Metal]) -> list[_Expected]:
-    """Of each known metal, and of one that is not known."""
-    shapes, width = torch.stack([shape_of(metal) for metal in metals]), published_covariance()
-    about = shapes - shapes.mean(0)
-    scatter = about.T @ about / max(1, len(metals) - 1)
-    return [
-        *(_Expected(shape, width) for shape in shapes),
-        _Expected(shapes.mean(0), UNKNOWN_WIDTH**2 * scatter + width),
-    ]
-
-
-def published_covariance() -> Float[Tensor, "6 6"]:
-    """Covariance of the difference in shape between two measurements of one metal: twice that of either."""
-
-    def pair(widths: tuple[float, float]) -> Tensor:
-        sigma = torch.tensor(widths, dtype=torch.float64)
-        return torch.outer(sigma, sigma) * torch.tensor([[1, CORRELATION], [CORRELATION, 1]], dtype=torch.float64)
-
-    every, each = torch.ones(3, 3, dtype=torch.float64), torch.eye(3, dtype=torch.float64)
-    return 2 * (torch.kron(pair(SHARED), every) + torch.kron(pair(OWN), each))
-
-
-@dataclass(frozen=True)
 class _Posterior:
     """Of the shape, if it is one metal's.
 
@@ -216,7 +162,7 @@ class _Posterior:
     weights: Float[Tensor, " d"]
 
 
-def _posterior(expected: _Expected, seen: _Seen) -> _Posterior:
+def _posterior(expected: Expected, seen: _Seen) -> _Posterior:
     from scipy.optimize import least_squares
     from scipy.stats import multivariate_t
 
@@ -240,11 +186,6 @@ def _posterior(expected: _Expected, seen: _Seen) -> _Posterior:
     log_weights = -0.5 * deviations(draws).square().sum(-1) - torch.from_numpy(proposal.logpdf(sample))
     log_evidence = expected.log_density + torch.logsumexp(log_weights, 0) - math.log(DRAWS)
     return _Posterior(float(2 * best.cost), log_evidence, draws, torch.softmax(log_weights, 0))
-
-
-def shape_of(metal: Metal) -> Float[Tensor, "6"]:
-    n, k = (torch.tensor(each, dtype=torch.float64) for each in (metal.n, metal.k))
-    return torch.cat([torch.logit(fresnel.normal_reflectance(n, k)), tint_of(n, k)])
 
 
 def indices(shape: Shape) -> tuple[Float[Tensor, "*s 3"], Float[Tensor, "*s 3"]]:

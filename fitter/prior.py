@@ -11,8 +11,9 @@ from jaxtyping import Float
 from torch import Tensor
 
 from fitter.catalogue import read_catalogue
+from fitter.expected import shape_of
 from fitter.measured import Measured
-from fitter.mixture import Borrowed, TooFar, Triple, catalogue_prior, indices, shape_of
+from fitter.mixture import Borrowed, TooFar, Triple, catalogue_prior, indices
 from fitter.parameters import MetalCoordinates
 from fitter.result import FromPrior
 from fitter.search import Fit
