@@ -121,8 +121,11 @@ class DifferentiableScene:
 
     def _change(self, metal: Metal) -> ChangingMetal:
         """Give the scene's metal other numbers."""
+        import drjit
+
         mi = self._mi
         n, k, alpha = mi.Color3f(metal.n.tolist()), mi.Color3f(metal.k.tolist()), mi.Float(float(metal.roughness))
+        drjit.make_opaque(n, k, alpha)  # constants would be compiled into the kernels, which each metal would need anew
         self._held.update({"eta.value": n, "k.value": k, "alpha.value": alpha})
         return ChangingMetal(mi, self._bsdf, self._distribution, n, k, alpha)
 
@@ -149,7 +152,7 @@ def _means(paths: LightPaths, samples: int, seed: int, origin: Any, direction: A
     index = (path // samples) * rays + path % rays
     start, towards = (dr.gather(mi.Vector3f, dr.detach(each.array), index) for each in (origin, direction))
     sampler = mi.load_dict({"type": "independent"})
-    sampler.seed(seed, pixels * samples)
+    sampler.seed(dr.opaque(mi.UInt32, seed), pixels * samples)
     found = paths.trace(mi.Ray3f(mi.Point3f(start), towards), sampler)
     dr.eval(found)
     sums = [[dr.block_sum(each[c], samples) / samples for c in range(3)] for each in found]

@@ -146,6 +146,7 @@ class LightPaths:
                 break
             _add(found, *self._towards_emitter(walk, si, sampler, depth))
             walk = self._scattered(walk, si, sampler)
+            sampler.schedule_state()
             dr.eval(found, walk.ray, walk.active, walk.throughput, walk.last, walk.scores.parts)
         return found
 

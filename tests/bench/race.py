@@ -1,0 +1,200 @@
+"""Ours against Mitsuba's own inverse rendering: a gold ball under a studio map, the same photographs, this machine."""
+
+from __future__ import annotations
+
+import argparse
+import statistics
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float
+
+import fitter.bridge  # noqa: F401 — its imports are loading
+from fitter.catalogue import metal
+from fitter.loading import Loaded, load
+from fitter.pipeline import FitOptions, fit_scene
+from fitter.result import FittedMaterial, read_result
+from renderer.synth import SynthOptions
+from renderer.truth import TrueMetal
+from tests.bench.mitsuba_inverse import State, gauss_newton, tuned, tutorial
+from tests.bench.photographs import map_of, photographed, truth_of
+from tests.bench.setting import header, spread
+
+NEAR = 0.01  # relative, of alpha and of every channel's F0
+RIVALS: dict[str, tuple[str, Callable[[Loaded, float], Iterator[State]]]] = {
+    "a": ("Adam as in the tutorials: raw eta, k, alpha; `prb`, full size, 16 samples", tutorial),
+    "b": ("Adam tuned with the truth known: logarithms, `direct`, 64², scheduled", tuned),
+    "c": ("Gauss–Newton on forward derivatives, 32², 1024 samples", gauss_newton),
+}
+LIMITS = {"a": {1: 90.0, 3: 230.0}, "b": {1: 60.0, 3: 90.0}, "c": {1: 30.0, 3: 45.0}}
+REPEATS = {"ours": 5, "a": 1, "b": 3, "c": 3}
+
+
+@dataclass(frozen=True)
+class Course:
+    """How to race.
+
+    Attributes:
+        views: numbers of photographs, each a race of its own.
+        size, spp: of the photographs.
+        limit: seconds that no rival may exceed; None for `LIMITS`.
+        repeats: of ours; None for `REPEATS`, which goes for all.
+    """
+
+    views: Sequence[int] = (1, 3)
+    size: int = 256
+    spp: int = 1024
+    limit: float | None = None
+    repeats: int | None = None
+
+    def limit_of(self, rival: str, views: int) -> float:
+        usual = LIMITS[rival].get(views, 90.0)
+        return usual if self.limit is None else min(usual, self.limit)
+
+    def repeats_of(self, who: str) -> int:
+        return REPEATS[who] if self.repeats is None else min(REPEATS[who], self.repeats)
+
+
+@dataclass(frozen=True)
+class Truth:
+    """What was photographed."""
+
+    n: Float[np.ndarray, " 3"]
+    k: Float[np.ndarray, " 3"]
+    f0: Float[np.ndarray, " 3"]
+    alpha: float
+
+    @staticmethod
+    def of(scene: Path) -> Truth:
+        told = truth_of(scene)
+        return Truth(*(np.array(told[key]) for key in ("n", "k", "f0")), told["alpha"])
+
+    def is_near(self, state: State) -> bool:
+        """Whether alpha and F0 of every channel are within `NEAR`."""
+        off = [*(state.f0 / self.f0 - 1), state.alpha / self.alpha - 1]
+        return bool(np.abs(off).max() <= NEAR)
+
+    def errors(self, state: State) -> str:
+        """Relative errors of n and k, red, green, blue."""
+        pairs = (("n", state.n / self.n - 1), ("k", state.k / self.k - 1))
+        return ", ".join(f"{key} " + " ".join(f"{each:+.1%}" for each in off) for key, off in pairs)
+
+
+@dataclass(frozen=True)
+class Finish:
+    """One run.
+
+    Attributes:
+        first: seconds until it was near; infinite where it never was.
+        stays: seconds from which on it was near to the end.
+        last: where it was in the end.
+    """
+
+    first: float
+    stays: float
+    last: State
+
+    @staticmethod
+    def of(states: Sequence[State], truth: Truth) -> Finish:
+        near = [truth.is_near(state) for state in states]
+        seconds = [state.seconds for state in states]
+        first = next((at for at, there in zip(seconds, near, strict=True) if there), float("inf"))
+        away = max((i for i, there in enumerate(near) if not there), default=-1)
+        stays = seconds[away + 1] if away + 1 < len(states) else float("inf")
+        return Finish(first, stays, states[-1])
+
+
+def rows(variant: str, course: Course = Course()) -> Iterator[str]:
+    """Lines of a Markdown table for each number of views."""
+    yield f"Gold ball, alpha 0.2, studio_small_03, {course.size}², {course.spp} samples ({variant}); in process after"
+    yield f"loading, seconds until alpha and F0 of every channel are within {NEAR:.0%} of the truth, median (range)."
+    yield "Rivals know that it is a metal, and compile in a step that is not counted. Ours is the whole of `fit_scene`:"
+    yield "reading, tables, solving, errors, report. `never` is within the rival's limit."
+    for views in course.views:
+        scene = photographed(_options(course, views, variant), "gold-256")
+        yield ""
+        yield f"{views} view{'s' * (views > 1)}:"
+        yield ""
+        yield "| who | near | stays near | over ours | relative errors in the end, R G B |"
+        yield "|---|---|---|---|---|"
+        yield from _table(scene, views, course)
+
+
+def _options(course: Course, views: int, variant: str) -> SynthOptions:
+    gold = metal("Au")
+    material = TrueMetal(gold.n, gold.k, 0.2, metal=gold.name, source=gold.source)
+    env = map_of("studio_small_03")
+    return SynthOptions(material, env=env, size=course.size, spp=course.spp, views=views, variant=variant)
+
+
+def _table(scene: Path, views: int, course: Course) -> Iterator[str]:
+    truth, repeats = Truth.of(scene), course.repeats_of("ours")
+    ours = {kind: [_ours(scene, kind, truth) for _ in range(repeats)] for kind in ("metal", "auto")}
+    usual = statistics.median(each.first for each in ours["auto"])
+    for kind, finishes in ours.items():
+        yield _row(f"ours, `--type {kind}`", finishes, usual, truth)
+    whole = [_command(scene, truth) for _ in range(repeats)]
+    yield _row("ours, `--type auto`: the whole command, start-up included", whole, usual, truth)
+    for rival, (name, run) in RIVALS.items():
+        limit, loaded = course.limit_of(rival, views), load(scene)
+        next(run(loaded, 0.0))  # compiles
+        runs = [list(run(loaded, limit)) for _ in range(course.repeats_of(rival))]
+        yield _row(f"({rival}) {name}; limit {limit:g} s", [Finish.of(each, truth) for each in runs], usual, truth)
+
+
+def _ours(scene: Path, kind: str, truth: Truth) -> Finish:
+    with tempfile.TemporaryDirectory() as folder:
+        begun = time.perf_counter()
+        found = fit_scene(scene, Path(folder), FitOptions(type=kind)).materials[0]
+        return _finish(found, time.perf_counter() - begun, truth)
+
+
+def _command(scene: Path, truth: Truth) -> Finish:
+    with tempfile.TemporaryDirectory() as folder:
+        command = [sys.executable, "-m", "fitter.cli", "fit", str(scene), "-o", folder, "--quiet"]
+        begun = time.perf_counter()
+        subprocess.run(command, stdout=subprocess.DEVNULL, check=True)
+        seconds = time.perf_counter() - begun
+        return _finish(read_result(Path(folder) / "result.json").materials[0], seconds, truth)
+
+
+def _finish(found: FittedMaterial, seconds: float, truth: Truth) -> Finish:
+    n, k = (np.array(numbers or [np.nan] * 3) for numbers in (found.n, found.k))
+    return Finish.of([State(seconds, n, k, found.alpha or 0.0)], truth)
+
+
+def _row(who: str, finishes: Sequence[Finish], ours: float, truth: Truth) -> str:
+    first, stays = ([getattr(each, key) for each in finishes] for key in ("first", "stays"))
+    over = statistics.median(first) / ours
+    return f"| {who} | {_seconds(first)} | {_seconds(stays)} | {over:.3g} | {truth.errors(finishes[-1].last)} |"
+
+
+def _seconds(values: Sequence[float]) -> str:
+    """Median and range; `never` where the median run was not near."""
+    if np.isinf(statistics.median(values)):
+        return "never" if len(values) == 1 else f"never ({sum(np.isinf(values))} of {len(values)})"
+    return spread(values)
+
+
+def main() -> None:
+    """The race alone, with limits of one's own."""
+    from renderer.to_mitsuba import variant_here
+
+    parser = argparse.ArgumentParser("python -m tests.bench.race", description=__doc__)
+    parser.add_argument("--views", type=int, nargs="+", default=Course.views)
+    parser.add_argument("--limit", type=float, help="seconds that no rival may exceed")
+    parser.add_argument("--repeats", type=int, help="at most so many runs of each")
+    asked = parser.parse_args()
+    print(header(), flush=True)
+    for row in rows(variant_here(), Course(asked.views, limit=asked.limit, repeats=asked.repeats)):
+        print(row, flush=True)
+
+
+if __name__ == "__main__":
+    main()
