@@ -15,7 +15,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from functools import partial
 
 import torch
 from jaxtyping import Float
@@ -140,7 +139,7 @@ class Polish:
     def picture(self, surface: GBuffer) -> Float[Tensor, "p 3"]:
         """What a table leaves out of the radiance of pixels [p, k], for pictures to look at."""
         metal = _metal(self.fit)
-        return self.scene.radiance(surface, metal, samples=FEWER_SHOWN, seed=self.seed + 1, beyond_direct=True).value
+        return self.scene.radiance(surface, metal, samples=FEWER_SHOWN, seed=self.seed, beyond_direct=True).value
 
 
 def polished(problem: Problem, fit: Fit, scene: DifferentiableScene) -> Polish:
@@ -164,11 +163,20 @@ def polished(problem: Problem, fit: Fit, scene: DifferentiableScene) -> Polish:
 def _around(
     problem: Problem, metal: Metal, scene: DifferentiableScene, seed: int, spans: tuple[float, ...]
 ) -> PolishedProblem:
-    """The problem with Mitsuba's paths for one metal, and tables of these spans alone."""
-    progress = partial(problem.progress, "tracing paths")
-    added = scene.radiance(
-        problem.observed.surface, metal, samples=SAMPLES, seed=seed, beyond_direct=True, progress=progress
-    )
+    """The problem with Mitsuba's paths for one metal, and tables of these spans alone.
+
+    The slopes have paths of their own. Noise that residuals share with their slopes has a product with a mean: by paths
+    of 4 % noise, F0 came out 2 % too dark.
+    """
+    surface = problem.observed.surface
+
+    def trace(which: int) -> Radiance:
+        progress = lambda share: problem.progress("tracing paths", (which + share) / 2)  # noqa: E731
+        return scene.radiance(
+            surface, metal, samples=SAMPLES, seed=2 * seed + which, beyond_direct=True, progress=progress
+        )
+
+    added = replace(trace(0), value=trace(1).value)
     setting = replace(problem.setting, fidelity=replace(problem.fidelity, spans=spans))
     return PolishedProblem(problem.observed, setting, problem.solver, problem.progress, Tangent.of(added, metal))
 

@@ -72,12 +72,14 @@ def unbiased(residuals: Residuals, x: Float[Tensor, " x"]) -> Float[Tensor, " x"
         return x
     whitening = residuals.robust_whitening(x)
     jacobian, of_prior = torch.matmul(whitening, residuals.slope(x)), torch.func.jacfwd(residuals.prior)(x)
-    inverse = _inverse(_information(jacobian, of_prior))
+    information = _information(jacobian, of_prior)
+    inverse = _inverse(information)
     for _ in range(UNBIASED_STEPS):
         slopes = [torch.matmul(whitening, half.slope(x)) for half in residuals.halves]
         rows = [torch.einsum("prc,pc->pr", whitening, half.difference(x)) for half in residuals.halves]
         crossed = [torch.einsum("prx,pr->x", *pair) for pair in zip(slopes, reversed(rows), strict=True)]
-        x = x - inverse @ (sum(crossed) / 2 + of_prior.T @ residuals.prior(x))
+        step = inverse @ (sum(crossed) / 2 + of_prior.T @ residuals.prior(x))
+        x = x - step / ((step @ information @ step).clamp_min(0).sqrt() / MOST_BIAS).clamp_min(1)
     return x
 
 
