@@ -54,6 +54,9 @@ class Estimate:
         return self.half_width / (TWO_SIDED_95 * _in_order(bound.f0, bound.n, bound.k, bound.alpha))
 
 
+NOTHING = Estimate(*np.full((4, 10), np.nan))
+
+
 def estimate_of(found: FittedMaterial) -> Estimate:
     """The numbers of a fit."""
     low, high = np.array(_numbers(found.interval95, (None, None)), float).T

@@ -46,6 +46,14 @@ def result_of(scene: Path, how: How) -> Result:
     return read_result(kept)
 
 
+def attempt(scene: Path, how: How) -> Result | str:
+    """The same, or what went wrong: one case that cannot be fitted must not cost the figures of all others."""
+    try:
+        return result_of(scene, how)
+    except Exception as error:
+        return " ".join(f"{type(error).__name__}: {error}".split())
+
+
 def in_processes(work: Callable[[Item], Made], items: Iterable[Item], jobs: int) -> Iterator[Made]:
     """`map`, by so many processes at a time; in this one where they are 1."""
     if jobs == 1:

@@ -5,6 +5,7 @@ Photographs are traced once, by one process; the fits may run in several.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -15,8 +16,8 @@ from jaxtyping import Float
 
 from fitter.result import Result
 from tests.bench.cramer_rao import Bound, bounds_of
-from tests.bench.estimates import DETERMINED, SLICES, Estimate, curve_error, estimate_of, true_numbers
-from tests.bench.fits import How, in_processes, result_of
+from tests.bench.estimates import DETERMINED, NOTHING, SLICES, Estimate, curve_error, estimate_of, true_numbers
+from tests.bench.fits import How, attempt, in_processes
 from tests.bench.photographs import ENVIRONMENTS, Case
 from tests.bench.setting import spread
 
@@ -56,17 +57,28 @@ class Outcome:
     """One fit beside the truth and the bounds.
 
     Attributes:
+        result: of the fit, or what went wrong.
         independent, joint: Cramér-Rao bounds, with a pixel's channels taken for independent, and with their covariance.
     """
 
     case: Case
-    result: Result
+    result: Result | str
     independent: Bound
     joint: Bound
 
     @property
     def found(self) -> Estimate:
-        return estimate_of(self.result.materials[0])
+        return NOTHING if isinstance(self.result, str) else estimate_of(self.result.materials[0])
+
+    @property
+    def status(self) -> str:
+        """How the fit ended."""
+        return self.result if isinstance(self.result, str) else self.result.status
+
+    @property
+    def seconds(self) -> float:
+        """Wall time of the fit; NaN where it went wrong."""
+        return math.nan if isinstance(self.result, str) else self.result.time.total
 
     @property
     def truth(self) -> Float[np.ndarray, "10"]:
@@ -102,7 +114,8 @@ class Outcome:
         ]
         errors = {"F0": (self.f0_error, F0_GOAL), "curve": (self.curve_error, CURVE_GOAL)}
         errors["alpha, relative"] = (self.alpha_error, ALPHA_GOAL)
-        return [f"{key} {error:.4f}" for key, (error, goal) in errors.items() if not error <= goal] + too_wide
+        failed = [self.result] if isinstance(self.result, str) else []
+        return failed + [f"{key} {error:.4f}" for key, (error, goal) in errors.items() if not error <= goal] + too_wide
 
 
 def rows(
@@ -129,7 +142,7 @@ def outcomes_of(cases: Sequence[Case], variant: str, selection: Selection) -> It
     """Every case, in order; photographs and bounds come first."""
     bounds = [bounds_of(case, variant) for case in cases]
     scenes = [case.scene(variant) for case in cases]
-    results = in_processes(partial(result_of, how=selection.how), scenes, selection.jobs)
+    results = in_processes(partial(attempt, how=selection.how), scenes, selection.jobs)
     for case, result, (independent, joint) in zip(cases, results, bounds, strict=True):
         yield Outcome(case, result, independent, joint)
 
@@ -151,7 +164,7 @@ def summary(outcomes: Sequence[Outcome]) -> Iterator[str]:
     yield ""
     for label, misses in missing:
         yield f"- {label}: {'; '.join(misses)}"
-    yield f"- wall time of a fit: {spread([outcome.result.time.total for outcome in outcomes])} s"
+    yield f"- wall time of a fit: {spread([s for outcome in outcomes if not math.isnan(s := outcome.seconds)])} s"
 
 
 def share(holds: np.ndarray) -> str:
@@ -200,8 +213,7 @@ def _case_rows(outcome: Outcome) -> Iterator[str]:
         for value, half, known in zip(found.value, found.half_width, found.is_determined, strict=True)
     ]
     cells = " | ".join(", ".join(told[SLICES[key]]) for key in order)
-    time = outcome.result.time.total
-    yield f"| | | {outcome.result.status} | {cells} | {outcome.curve_error:.4f} | {time:.1f} |"
+    yield f"| | | {outcome.status} | {cells} | {outcome.curve_error:.4f} | {outcome.seconds:.1f} |"
     triples = zip(found.over(outcome.independent), found.over(outcome.joint), found.deviation(truth), strict=True)
     judged = [f"{ratio:.2f}/{joint:.2f} ({deviation:+.1f})" for ratio, joint, deviation in triples]
     cells = " | ".join(", ".join(judged[SLICES[key]]) for key in order)
