@@ -14,10 +14,14 @@ from jaxtyping import Float as Floats
 from jaxtyping import Int as Ints
 from torch import Tensor
 
+from renderer.fused_blocks import Asked
 from renderer.fused_light import FusedLight, Looked
 from renderer.fused_lobe import View, reflected, sample_visible_normals, visible_normal_density
 from renderer.fused_random import Draws
+from renderer.lamp_blocks import EVEN
 from shaders.lobe import Distribution
+
+EVENLY = 0.5  # share of the directions that ask for the light alone, where they serve roughnesses far apart
 
 
 @dataclass(frozen=True)
@@ -46,13 +50,15 @@ class Frame:
 class Directions:
     """Directions to the light: half vector, cosines of light and half vector against normal and view, and the light.
 
-    `oversampling` is the density really drawn over the one looked up; 1 for directions that the lobe drew.
+    `density` is that with which the light draws such directions, as the pixel asks its blocks; `oversampling` the one
+    really drawn over it, 1 for directions that the lobe drew.
     """
 
     h: Array3f
     cos_l: Any
     cos_d: Any
     looked: Looked
+    density: Any
     oversampling: Any
 
 
@@ -89,16 +95,18 @@ def moments(
     packed, per_pixel = Float(frames.flatten().numpy()), dr.opaque(UInt32, rays)
     thread = dr.arange(UInt32, 2 * pixels)
     draws = Draws.of(numbers.repeat_interleave(2), thread & 1, samples, rays, seed)
-    lobes = [Group.of(alphas) for alphas in groups]
+    lobes, middle = [Group.of(alphas) for alphas in groups], math.sqrt(groups[0][0] * groups[-1][-1])
+    asked = Asked.by(light.blocks, frames[:, rays // 2], middle, EVEN if len(groups) == 1 else EVENLY)
 
     def body(i: Any, sums: list[Any]) -> tuple[Any, list[Any]]:
         u1, u2, ray = draws.lobe(i)
         frame = Frame.fetch(packed, (thread >> 1) * per_pixel + ray)
-        from_light = _from_light(light, frame, *draws.light(i))
+        from_light = _from_light(light, asked, thread >> 1, frame, *draws.light(i))
         polar = dr.sqrt(u1), *dr.sincos(2 * math.pi * u2)
-        terms = [
-            term for group in lobes for term in _terms(light, frame, group, polar, from_light, distribution, degree)
-        ]
+        terms = []
+        for group in lobes:
+            from_lobe = _from_lobe(light, asked, thread >> 1, frame, group, polar)
+            terms += _terms(from_lobe, from_light, frame.view, group, distribution, degree)
         return i + 1, [total + term for total, term in zip(sums, terms, strict=True)]
 
     levels = sum(map(len, groups))
@@ -111,33 +119,39 @@ def moments(
     return table.reshape(levels, degree, 3, pixels, 2).permute(4, 0, 3, 1, 2)
 
 
-def _from_lobe(light: FusedLight, frame: Frame, h: Array3f) -> Directions:
+def _from_lobe(
+    light: FusedLight, asked: Asked, pixel: Any, frame: Frame, group: Group, polar: tuple[Any, Any, Any]
+) -> Directions:
+    h = sample_visible_normals(frame.view, group.drawn_at, *polar)
     cos_d = dr.clip(frame.view.sin * h.x + frame.view.cos * h.z, 0, 1)
     local = 2 * cos_d * h - Array3f(frame.view.sin, 0, frame.view.cos)
-    return Directions(h, local.z, cos_d, light.at(*frame.to_world(local)), 1)
+    looked = light.at(*frame.to_world(local))
+    return Directions(h, local.z, cos_d, looked, looked.density * asked.preferred(pixel, looked.block), 1)
 
 
-def _from_light(light: FusedLight, frame: Frame, share: Any, low_bits: tuple[Any, Any]) -> Directions:
-    towards, looked, drawn = light.draw(share, low_bits)
+def _from_light(
+    light: FusedLight, asked: Asked, pixel: Any, frame: Frame, number: Any, low_bits: tuple[Any, Any]
+) -> Directions:
+    block, share = asked.choose(pixel, number, low_bits[1])
+    towards, looked, drawn = light.draw(share, block, low_bits)
     local = frame.to_local(Array3f(*towards))
     h = local + Array3f(frame.view.sin, 0, frame.view.cos)
     h *= dr.rsqrt(dr.maximum(dr.squared_norm(h), 1e-12))
     cos_d = dr.clip(frame.view.sin * h.x + frame.view.cos * h.z, 0, 1)
-    return Directions(h, local.z, cos_d, looked, drawn / looked.density)
+    density = looked.density * asked.preferred(pixel, block)
+    return Directions(h, local.z, cos_d, looked, density, drawn / looked.density)
 
 
 def _terms(
-    light: FusedLight,
-    frame: Frame,
-    group: Group,
-    polar: tuple[Any, Any, Any],
+    from_lobe: Directions,
     from_light: Directions,
+    view: View,
+    group: Group,
     distribution: Distribution,
     degree: int,
 ) -> list[Any]:
     """What a direction drawn from the lobe and one from the light add: by roughness, polynomial and channel."""
-    from_lobe = _from_lobe(light, frame, sample_visible_normals(frame.view, group.drawn_at, *polar))
-    first, second = (_weighted(frame.view, drawn, group, distribution) for drawn in (from_lobe, from_light))
+    first, second = (_weighted(view, drawn, group, distribution) for drawn in (from_lobe, from_light))
     bases = [_polynomials(2 * drawn.cos_d - 1, degree) for drawn in (from_lobe, from_light)]
     return [
         dr.fma(p, one, q * other)
@@ -149,7 +163,7 @@ def _terms(
 
 def _weighted(view: View, drawn: Directions, group: Group, distribution: Distribution) -> list[list[Any]]:
     """The light of a direction in each lobe, by roughness and channel; see `renderer.transport` for the density."""
-    density = visible_normal_density(view, drawn.h, group.drawn_at) + drawn.looked.density
+    density = visible_normal_density(view, drawn.h, group.drawn_at) + drawn.density
     weight = dr.rcp(density * drawn.oversampling)
     above = drawn.cos_l > 0
     found = []

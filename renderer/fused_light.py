@@ -16,16 +16,18 @@ from drjit.llvm import Array4f, Float, UInt32
 
 from renderer import lamps, latlong
 from renderer.environment import Environment
+from renderer.fused_blocks import FusedBlocks
 
 _WHOLE = 2**32  # the sum of all light, in fixed point
 _IN_TEXEL = 2**12  # steps along each side of a texel, by which its share of the light is divided further
 
 
 class Looked(NamedTuple):
-    """Radiance per channel, and the density per steradian with which such directions are drawn."""
+    """Radiance per channel, the density per steradian with which the light draws such directions, and their block."""
 
     radiance: tuple[Any, Any, Any]
     density: Any
+    block: Any
 
 
 @dataclass(frozen=True)
@@ -39,6 +41,7 @@ class FusedLight:
         guide: for each of 2^(32 - guide_shift) equal parts of the light, and the end, the place where it begins.
         rows: of each row, cosine of its upper edge and difference to that of its lower one.
         turn: rotation, as a share of a full turn.
+        blocks: of texels.
     """
 
     texels: Float
@@ -50,18 +53,22 @@ class FusedLight:
     width: UInt32
     height: UInt32
     turn: Float
+    blocks: FusedBlocks
 
     def at(self, x: Any, y: Any, z: Any) -> Looked:
         """Radiance and density in unit directions in world space, as `latlong.lookup` has them."""
         u = dr.atan2(x, -z) * (0.5 / math.pi) + self.turn
         v = dr.acos(dr.clip(y, -1, 1)) * (1 / math.pi)
-        return self._bilinear((u - dr.floor(u)) * Float(self.width) + 0.5, v * Float(self.height - 1) + 1)
+        column, row = (u - dr.floor(u)) * Float(self.width), v * Float(self.height - 1) + 0.5
+        texel = (dr.minimum(UInt32(number), size - 1) for number, size in ((row, self.height), (column, self.width)))
+        return self._bilinear(column + 0.5, row + 0.5, self.blocks.at(*texel))
 
-    def draw(self, share: Any, low_bits: tuple[Any, Any]) -> tuple[tuple[Any, Any, Any], Looked, Any]:
+    def draw(self, share: Any, block: Any, low_bits: tuple[Any, Any]) -> tuple[tuple[Any, Any, Any], Looked, Any]:
         """Directions drawn in proportion to the light, evenly over a texel; Z-order goes on inside it.
 
         Args:
             share: of all light, along the Z-order curve, as an unsigned integer below 2³².
+            block: in which that is.
             low_bits: two further uniform numbers in [0, 1), for the digits that `share` does not tell.
 
         Returns:
@@ -82,11 +89,12 @@ class FusedLight:
         y = dr.fma(-down, edge[1], edge[0])
         sin, cos = dr.sincos(2 * math.pi * (column / Float(self.width) - self.turn))
         radius = dr.sqrt(dr.maximum((1 - y) * (1 + y), 0))
-        looked = self._bilinear(column + 0.5, dr.acos(dr.clip(y, -1, 1)) * (1 / math.pi) * Float(self.height - 1) + 1)
+        v = dr.acos(dr.clip(y, -1, 1)) * (1 / math.pi)
+        looked = self._bilinear(column + 0.5, v * Float(self.height - 1) + 1, block)
         drawn = width * Float(self.width) / (edge[1] * (2 * math.pi * _WHOLE))
         return (radius * sin, y, -radius * cos), looked, drawn
 
-    def _bilinear(self, column: Any, row: Any) -> Looked:
+    def _bilinear(self, column: Any, row: Any, block: Any) -> Looked:
         """Texels around a place whose whole numbers are the texels' middles, border included."""
         left, top = UInt32(column), UInt32(row)
         right, lower = column - Float(left), row - Float(top)
@@ -97,7 +105,7 @@ class FusedLight:
         )
         above, below = dr.lerp(upper_left, upper_right, right), dr.lerp(lower_left, lower_right, right)
         found = dr.lerp(above, below, lower)
-        return Looked((found[0], found[1], found[2]), found[3])
+        return Looked((found[0], found[1], found[2]), found[3], block)
 
     def _texel(self, share: Any) -> Any:
         """Place on the curve of the first texel whose light ends beyond `share`."""
@@ -132,9 +140,8 @@ def _fused_light(environment: Environment, _version: int) -> FusedLight:
     limits, order, guide = (UInt32(table.numpy().astype("uint32")) for table in (limits, order, guide))
     shift, width, height = (dr.opaque(UInt32, number) for number in (32 - bits, sampler.width, sampler.height))
     texels, rows = (Float(table.flatten().float().numpy()) for table in (texels[0].permute(1, 2, 0), rows))
-    return FusedLight(
-        texels, limits, order, guide, rows, shift, width, height, dr.opaque(Float, sampler.rotation / 360)
-    )
+    turn, blocks = dr.opaque(Float, sampler.rotation / 360), FusedBlocks.of(sampler.blocks)
+    return FusedLight(texels, limits, order, guide, rows, shift, width, height, turn, blocks)
 
 
 def _compact_bits(value: Any) -> Any:

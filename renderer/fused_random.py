@@ -21,7 +21,7 @@ class Draws:
     Attributes:
         points: u1, u2 and ray of each of the lobe's Sobol points, and a filler: a kernel fetches four at once.
         count: of each kind of directions in one half.
-        stratum: 2³² over the number of directions from the light, each of which has its own part of it.
+        stratum: 2³² over the number of one half's directions from the light, each of which has its own part of it.
         half: 0 or 1.
         pixel: number of the pixel.
         seed: of all numbers.
@@ -39,29 +39,25 @@ class Draws:
         """Those of the pixels with these numbers, one for each thread."""
         points = Points.draw(samples // 2, rays, seed, torch.device("cpu"))
         packed = torch.stack([points.u1, points.u2, points.ray.float(), torch.zeros_like(points.u1)], -1)
-        count, stratum = (dr.opaque(UInt32, number) for number in (samples // 4, 2**32 // (samples // 2)))
+        count, stratum = (dr.opaque(UInt32, number) for number in (samples // 4, 2**32 // (samples // 4)))
         pixel = UInt32(numbers.numpy().astype("uint32"))
         return Draws(Float(packed.flatten().numpy()), count, stratum, half, pixel, dr.opaque(UInt32, seed % 2**32))
 
     def lobe(self, i: Any) -> tuple[Any, Any, Any]:
-        """u1 and u2 of the lobe's sample i, shifted for each pixel [Cranley & Patterson 1976], and its ray."""
+        """u1 and u2 of the lobe's sample i, shifted by half and pixel [Cranley & Patterson 1976], and its ray."""
         first, second, ray, _ = dr.gather(Array4f, self.points, self.half * self.count + i)
-        shifts = hashed(self.pixel, 2**32 - 1, self.seed)
+        shifts = hashed(self.pixel, UInt32(2**32 - 1) - self.half, self.seed)
         shifted = (number + _unit(shift) for number, shift in zip((first, second), shifts, strict=False))
         u1, u2 = (number - dr.floor(number) for number in shifted)
         return u1, u2, UInt32(ray)
 
     def light(self, i: Any) -> tuple[Any, tuple[Any, Any]]:
-        """Where in all light, of 2³², the light's sample i lies, and two numbers in [0, 1] for the place in a texel.
+        """Where in the pixel's light, of 2³², the light's sample i lies, and two numbers in [0, 1) for the rest.
 
-        Even strata are one half's, odd ones the other's, so that each half covers all of the light; a shift by up to
-        two strata makes both alike.
+        Each half has strata of its own, so that its error is its own as well.
         """
-        offset, _, _ = hashed(self.pixel, 2**32 - 2, self.seed)
-        sample = 2 * i + self.half
-        jitter, u1, u2 = hashed(self.pixel, sample, self.seed)
-        shift = _share(jitter, self.stratum) + 2 * _share(offset, self.stratum)
-        return sample * self.stratum + shift, (_unit(u1), _unit(u2))
+        jitter, u1, u2 = hashed(self.pixel, 2 * i + self.half, self.seed)
+        return i * self.stratum + _share(jitter, self.stratum), (_unit(u1), _unit(u2))
 
 
 def hashed(x: Any, y: Any, z: Any) -> tuple[Any, Any, Any]:

@@ -10,7 +10,9 @@ import torch
 from jaxtyping import Float, Int
 from torch import Tensor
 
+from renderer import lamp_blocks
 from renderer.environment import Environment
+from renderer.lamp_blocks import LampBlocks
 from renderer.latlong import row_edges, row_solid_angle, with_border
 
 
@@ -19,7 +21,7 @@ class LampSampler:
     """Draws texels of an environment in proportion to their light, along a curve that keeps neighbours together.
 
     Attributes:
-        order: texels (row · width + column) along a Z-order curve, so that strata of the sum are compact patches.
+        order: texels (row · width + column) by block, in each along a Z-order curve: strata of the sum are compact.
         cumulative: share of all light up to and including each texel of `order`, float64.
         density: density per steradian of each texel, by row · width + column.
         width, height, rotation: of the environment.
@@ -31,16 +33,21 @@ class LampSampler:
     width: int
     height: int
     rotation: float
+    blocks: LampBlocks
 
 
 def build(environment: Environment) -> LampSampler:
     """The sampler of an environment."""
     height, width = environment.radiance.shape[:2]
     density = sampling_density(environment)
-    share = (density.double() * row_solid_angle(height, width).to(density.device)[:, None]).flatten()
+    share = density.double() * row_solid_angle(height, width).to(density.device)[:, None]
+    share = share / share.sum()
+    blocks = lamp_blocks.build(environment, share)
     order = torch.from_numpy(_z_order(height, width)).to(density.device)
-    cumulative = share[order].cumsum(0)
-    return LampSampler(order, cumulative / cumulative[-1], density.flatten(), width, height, environment.rotation)
+    order = order[torch.argsort(blocks.at(order // width, order % width), stable=True)]
+    cumulative = share.flatten()[order].cumsum(0)
+    cumulative = cumulative / cumulative[-1]
+    return LampSampler(order, cumulative, density.flatten(), width, height, environment.rotation, blocks)
 
 
 def sample(
@@ -58,11 +65,21 @@ def sample(
     at = torch.searchsorted(lamps.cumulative, u.double(), right=True).clamp_max(len(lamps.order) - 1)
     texel = lamps.order[at]
     row, column = texel // lamps.width, texel % lamps.width
-    cosines = row_edges(lamps.height).cos().to(u)
+    cosines = row_edges(lamps.height).cos().to(u1)
     y = cosines[row] + u1 * (cosines[row + 1] - cosines[row])
     azimuth = 2 * math.pi * ((column + u2) / lamps.width - lamps.rotation / 360)
     radius = ((1 - y) * (1 + y)).clamp_min(0).sqrt()
     return radius * torch.sin(azimuth), y, -radius * torch.cos(azimuth), lamps.density[texel]
+
+
+def texels(
+    lamps: LampSampler, x: Float[Tensor, "*p"], y: Float[Tensor, "*p"], z: Float[Tensor, "*p"]
+) -> tuple[Int[Tensor, "*p"], Int[Tensor, "*p"]]:
+    """Row and column of the texel that each unit direction in world space falls into."""
+    u = torch.atan2(x, -z) / (2 * math.pi) + lamps.rotation / 360
+    row = torch.acos(y.clamp(-1, 1)) / math.pi * (lamps.height - 1) + 0.5
+    column = (u - u.floor()) * lamps.width
+    return row.long().clamp_max(lamps.height - 1), column.long().clamp_max(lamps.width - 1)
 
 
 def sampling_density(environment: Environment) -> Float[Tensor, "h w"]:

@@ -8,7 +8,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from renderer import lamps, latlong
+from renderer import lamp_blocks, lamps, latlong
 from renderer.environment import Environment
 from renderer.gbuffer import GBuffer
 from renderer.lamps import LampSampler
@@ -81,8 +81,9 @@ class Points:
         return Points(u1, u2, (u3 * rays).long().clamp_max(rays - 1))
 
     def shifted(self, pixels: int, generator: torch.Generator) -> tuple[Float[Tensor, "p s"], Float[Tensor, "p s"]]:
-        """The points under another shift for each pixel [Cranley & Patterson 1976], so that errors average out."""
-        shift = torch.rand(2, pixels, 1, generator=generator, device=generator.device)
+        """The points, each half of each pixel's shifted by itself [Cranley & Patterson 1976]: errors are their own."""
+        half = len(self.u1) // 2
+        shift = torch.rand(2, pixels, 2, generator=generator, device=generator.device).repeat_interleave(half, 2)
         return (self.u1 + shift[0]) % 1, (self.u2 + shift[1]) % 1
 
 
@@ -107,27 +108,63 @@ class Directions:
 
 
 def draw_lobe(
-    sampler: LightSampler, frame: Frames, alpha: float, u1: Float[Tensor, "p s"], u2: Float[Tensor, "p s"]
+    sampler: LightSampler,
+    frame: Frames,
+    alpha: float,
+    asked: Float[Tensor, "p k"],
+    u1: Float[Tensor, "p s"],
+    u2: Float[Tensor, "p s"],
 ) -> Directions:
+    """Directions that the lobe of this α draws; `asked` are the chances of `lamp_blocks`."""
     hx, hy, hz = lobe.sample_visible_normals(frame.cos_v, alpha, u1, u2)
     cos_d = (frame.sin_v * hx + frame.cos_v * hz).clamp(0, 1)
     cos_l = 2 * cos_d * hz - frame.cos_v
     world = frame.to_world(2 * cos_d * hx - frame.sin_v, 2 * cos_d * hy, cos_l)
     found = latlong.lookup(sampler.light, *world)
-    return Directions(cos_l, hz, cos_d, found[..., :3], found[..., 3], None)
+    block = sampler.lamps.blocks.at(*lamps.texels(sampler.lamps, *world))
+    return Directions(cos_l, hz, cos_d, found[..., :3], found[..., 3] * _preferred(sampler, asked, block), None)
 
 
-def draw_lamps(sampler: LightSampler, frame: Frames, generator: torch.Generator) -> Directions:
+def draw_lamps(
+    sampler: LightSampler, frame: Frames, asked: Float[Tensor, "p k"], generator: torch.Generator
+) -> Directions:
+    """Directions that the light draws, each half of them from strata of its own."""
     pixels, samples = frame.cos_v.shape
-    stratum = torch.arange(samples, device=generator.device)
-    # Odd strata after even ones: each half of the samples then covers all of the light.
-    stratum = torch.cat([stratum[0::2], stratum[1::2]])
+    stratum = torch.arange(samples // 2, device=generator.device).repeat(2)
     u, u1, u2 = torch.rand(3, pixels, samples, generator=generator, device=generator.device)
-    x, y, z, density = lamps.sample(sampler.lamps, (stratum + u) / samples, u1, u2)
+    block, inside = _choose(asked, (stratum + u) / (samples // 2))
+    blocks = sampler.lamps.blocks
+    share = blocks.first[block] + inside * blocks.share[block]
+    x, y, z, density = lamps.sample(sampler.lamps, share, u1, u2)
     found = latlong.lookup(sampler.light, x, y, z)
     lx, ly, lz = frame.to_local(x, y, z)
     hx, hy, hz = lx + frame.sin_v, ly, lz + frame.cos_v
     scale = torch.rsqrt((hx**2 + hy**2 + hz**2).clamp_min(1e-12))
     cos_h = (hz * scale).clamp(1e-6, 1)  # below the horizon nothing is counted; the bound keeps tan θ finite
     cos_d = ((frame.sin_v * hx + frame.cos_v * hz) * scale).clamp(0, 1)
-    return Directions(lz, cos_h, cos_d, found[..., :3], found[..., 3], density / found[..., 3])
+    told = found[..., 3]
+    return Directions(lz, cos_h, cos_d, found[..., :3], told * _preferred(sampler, asked, block), density / told)
+
+
+def asked_blocks(sampler: LightSampler, middle: Frames, alpha: float) -> Float[Tensor, "p k"]:
+    """The chances of `lamp_blocks`, of pixels whose middle rays are given, [p, 1]."""
+    blocks = sampler.lamps.blocks
+    towards = middle.to_local(*(blocks.towards[None, :, i] for i in range(3)))
+    return lamp_blocks.chances(blocks, middle.cos_v, middle.sin_v, towards, alpha)
+
+
+def _choose(asked: Float[Tensor, "p k"], u: Float[Tensor, "p s"]) -> tuple[Tensor, Tensor]:
+    """The block in which each number of [0, 1) falls, and where in it, of [0, 1), float64."""
+    end = asked.double().cumsum(1)
+    end = end / end[:, -1:]
+    u = u.double().clamp_max(1 - 1e-9)
+    block = torch.searchsorted(end, u, right=True).clamp_max(asked.shape[1] - 1)
+    width = torch.gather(asked.double(), 1, block)
+    inside = 1 - (torch.gather(end, 1, block) - u) / width.clamp_min(1e-300)
+    return block, inside.clamp(0, 1 - 1e-9)
+
+
+def _preferred(sampler: LightSampler, asked: Float[Tensor, "p k"], block: Tensor) -> Float[Tensor, "p s"]:
+    """By how much oftener a direction of that block is drawn than by the light alone."""
+    share = sampler.lamps.blocks.share.float().clamp_min(torch.finfo(torch.float32).tiny)
+    return torch.gather(asked / share, 1, block)

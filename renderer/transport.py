@@ -24,7 +24,7 @@ from renderer.cubemap import Cubemap
 from renderer.environment import Environment
 from renderer.fused_table import fused_available, integrate_fused
 from renderer.gbuffer import GBuffer
-from renderer.lobe_sampling import Directions, Frames, LightSampler, Points, draw_lamps, draw_lobe, frames
+from renderer.lobe_sampling import Directions, Frames, LightSampler, Points, asked_blocks, draw_lamps, draw_lobe, frames
 from renderer.threads import map_in_threads
 from shaders import lobe
 
@@ -151,19 +151,24 @@ def _integrate(
     pixels, device = len(surface.hit), environment.radiance.device
     sampler = LightSampler.of(environment)
     points = Points.draw(samples // 2, surface.hit.shape[1], seed, device)
+    middle_ray = torch.tensor([surface.hit.shape[1] // 2], device=device)
     step = max(1, _CHUNK // samples)
 
     def integrate(start: int) -> Float[Tensor, "2 a c b 3"]:
         generator = torch.Generator(device).manual_seed(seed * pixels + start)
         frame = frames(surface[start : start + step].to(device), points.ray)
+        middle = frames(surface[start : start + step].to(device), middle_ray)
         u1, u2 = points.shifted(len(frame.cos_v), generator)
-        towards_lamps = draw_lamps(sampler, frame, generator)
         made = []
         for alphas in groups:
             drawn_at = math.sqrt(alphas[0] * alphas[-1])
+            asked = asked_blocks(sampler, middle, drawn_at)
             from_lobe, from_lamps = (
                 _moments(_shares(frame, drawn, drawn_at, alphas, distribution), drawn, degree)
-                for drawn in (draw_lobe(sampler, frame, drawn_at, u1, u2), towards_lamps)
+                for drawn in (
+                    draw_lobe(sampler, frame, drawn_at, asked, u1, u2),
+                    draw_lamps(sampler, frame, asked, generator),
+                )
             )
             made.append((from_lobe + from_lamps).cpu())
         return torch.cat(made, 1)
