@@ -39,7 +39,9 @@ class Draws:
         """Those of the pixels with these numbers, one for each thread."""
         points = Points.draw(samples // 2, rays, seed, torch.device("cpu"))
         packed = torch.stack([points.u1, points.u2, points.ray.float(), torch.zeros_like(points.u1)], -1)
-        count, stratum = (dr.opaque(UInt32, number) for number in (samples // 4, 2**32 // (samples // 4)))
+        count, stratum = (
+            dr.opaque(UInt32, number) for number in (samples // 4, min(2**32 - 1, 2**32 // (samples // 4)))
+        )
         pixel = UInt32(numbers.numpy().astype("uint32"))
         return Draws(Float(packed.flatten().numpy()), count, stratum, half, pixel, dr.opaque(UInt32, seed % 2**32))
 
