@@ -9,11 +9,15 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
+from fitter.noise import NEIGHBOURS, relative_weight
 from fitter.parameters import Coordinates
+from fitter.result import MaterialType
 from fitter.sampled_view import ANGLE_BINS, View, histogram, taken_evenly
+from renderer.gbuffer import GBuffer
+from renderer.transport import reflect
 
-DARKEST = 0.05  # of a picture's median radiance: below, noise is no longer relative to the pixel
-MAD_TO_SIGMA = 1.4826  # of a normal distribution: 1/Φ⁻¹(¾)
+LEAST = 1e-6  # relative noise of photographs that have none: the rounding of float32 tables
+UNSEEN = 0.01  # the same where no photograph shows any pixel
 VAGUE = 10.0  # standard deviation of a free number of which nothing is known: its domain ends there
 
 
@@ -39,26 +43,25 @@ def told_by(
     views: Sequence[View],
     radiance: Callable[[Float[Tensor, " x"]], Float[Tensor, "p 3"]],
     x: Float[Tensor, " x"],
-    noise: Sequence[float],
+    noise: Float[Tensor, " p"],
 ) -> Told:
     """What pictures tell of a free vector.
 
-        I = Σ_i g_i g_iᵀ / σ_i²,   g_i = ∂L_i/∂x,   σ_i = noise · max(L_i, DARKEST · median L)
+        I = Σ_i g_i g_iᵀ / σ_i²,   g_i = ∂L_i/∂x / |L_i|
 
-    the Fisher information of independent normal errors, for each angle over the number of its pixels.
+    the Fisher information of independent normal errors, for each angle over the number of its pixels; |L| is the
+    radiance at x, that of the darkest pixels raised as `noise.relative_weight` has it.
 
     Args:
         views: samples of the pictures' pixels.
         radiance: of all these pixels, one picture after another, as a function of the free vector.
         x: the free vector.
-        noise: of each picture, relative to the radiance.
+        noise: σ, standard deviation of each pixel relative to |L|, alike in all channels.
     """
     sizes = [len(view.pixels) for view in views]
-    pictures, gradients = radiance(x).split(sizes), torch.func.jacfwd(radiance)(x).split(sizes)
-    rows = zip(views, pictures, gradients, noise, strict=True)
-    per_pixel = [
-        _per_pixel(view, gradient / (scale * floored(picture))[..., None]) for view, picture, gradient, scale in rows
-    ]
+    weights = torch.cat([relative_weight(picture) if len(picture) else picture for picture in radiance(x).split(sizes)])
+    gradients = torch.func.jacfwd(radiance)(x) * (weights / noise[:, None])[..., None]
+    per_pixel = [_per_pixel(view, part) for view, part in zip(views, gradients.split(sizes), strict=True)]
     return Told(torch.stack(per_pixel), torch.stack([view.available for view in views]))
 
 
@@ -71,6 +74,40 @@ def _per_pixel(view: View, gradient: Float[Tensor, "p 3 x"]) -> Float[Tensor, "b
     return sums / histogram(view.angle_bin).clamp_min(1)[:, None, None]
 
 
+def foreseen_noise(
+    known: GBuffer, difference: Float[Tensor, "k 3"], wanted: GBuffer, kind: MaterialType
+) -> Float[Tensor, " p"]:
+    """The noise that pixels are to be expected to have, from that of others: the root mean square of those most alike.
+
+    A camera's noise, or a path tracer's, depends on the light: of a pixel that mirrors the same direction at the same
+    angle of the same surface, whoever sees it, it is nearly the same. That a path tracer's channels share most of it
+    is left aside: how much they share changes from view to view, and a ranking by it was found to be one by chance.
+
+    Args:
+        known: [k] rays whose noise was seen.
+        difference: between model and photograph there, relative to the radiance.
+        wanted: [p] rays.
+        kind: of the material: a metal's light is the mirrored one, a matte material's all that falls on it.
+
+    Returns:
+        standard deviations, relative to the radiance.
+    """
+    from scipy.spatial import KDTree
+
+    if not len(difference) or not len(wanted.hit):
+        return torch.full((len(wanted.hit),), UNSEEN, dtype=torch.float64)
+    count = min(NEIGHBOURS, len(difference))
+    nearest = KDTree(_place(known, kind).numpy()).query(_place(wanted, kind).numpy(), count)[1]
+    squares = difference.square().mean(1)[torch.from_numpy(nearest)]
+    return squares.reshape(-1, count).mean(1).sqrt().clamp_min(LEAST)
+
+
+def _place(surface: GBuffer, kind: MaterialType) -> Float[Tensor, "p d"]:
+    """What decides over a pixel's light: where its mirrored view goes to and how steeply, and its normal."""
+    mirrored = [reflect(surface), surface.n_dot_v[..., None]] if kind != "matte" else []
+    return torch.cat([*mirrored, *([surface.normal] if kind != "metal" else [])], -1)
+
+
 def covariance(
     information: Float[Tensor, "*v x x"], coordinates: Coordinates, x: Float[Tensor, " x"]
 ) -> Float[Tensor, "*v x x"]:
@@ -80,16 +117,3 @@ def covariance(
     scale = whole.diagonal(dim1=-2, dim2=-1).rsqrt()  # numbers of unlike size: the inverse keeps its digits
     scaled = scale[..., :, None] * whole * scale[..., None, :]
     return scale[..., :, None] * torch.linalg.inv(scaled) * scale[..., None, :]
-
-
-def floored(radiance: Float[Tensor, "p 3"]) -> Float[Tensor, "p 3"]:
-    """What noise is relative to: the radiance, but no less than `DARKEST` of its median."""
-    if not len(radiance):
-        return radiance
-    floor = DARKEST * radiance.median(0).values
-    return torch.maximum(radiance, floor.clamp_min(torch.finfo(radiance.dtype).tiny))
-
-
-def relative_noise(model: Float[Tensor, "p 3"], seen: Float[Tensor, "p 3"]) -> float:
-    """Robust standard deviation of a photograph around the model, relative to the radiance."""
-    return MAD_TO_SIGMA * float(((model - seen) / floored(model)).abs().median())

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from statistics import median
 
 import torch
 from jaxtyping import Bool, Float
@@ -12,9 +11,11 @@ from torch import Tensor
 
 from fitter.earlier_result import material_of
 from fitter.fidelity import MICROFACET_RANGE, PRESETS
-from fitter.information import Told, covariance, relative_noise, told_by
+from fitter.information import covariance, foreseen_noise, told_by
+from fitter.noise import relative_weight
 from fitter.parameters import Coordinates, GlossyCoordinates, Interval, MatteCoordinates, MetalCoordinates
 from fitter.photographs import Photograph
+from fitter.pixel_model import central
 from fitter.progress import Progress
 from fitter.prospect import Prospect, Ratios
 from fitter.result import FittedMaterial, MaterialType
@@ -24,7 +25,7 @@ from fitter.setting import Setting
 from fitter.summary import QUANTITIES
 from renderer import gbuffer
 from renderer.camera import Camera
-from renderer.gbuffer import Tracer
+from renderer.gbuffer import GBuffer, Tracer
 
 ALPHA = Interval(*MICROFACET_RANGE, logarithmic=True)
 COORDINATES: Mapping[MaterialType, Coordinates] = {
@@ -37,9 +38,7 @@ TAKEN_PIXELS = 4096  # of all photographs together: their noise is measured with
 SAMPLES = 64  # directions of each imagined pixel; a derivative needs few, for all levels of alpha share them
 LEVELS, SPAN = 3, 1.1  # of alpha around the one found
 FOOTPRINT = 4  # rays along each side of a pixel, at most
-LEAST_NOISE = 1e-6  # of photographs that have none: the rounding of float32 tables
 FARTHEST = 30.0  # of a free number, where its domain ends to working precision
-UNSEEN_NOISE = 0.01  # where so few pixels show the material that none is among those looked at
 TINY = 1e-100  # an error below is none, and its square still a number
 
 Picture = tuple[Camera, Bool[Tensor, "h w"] | None]
@@ -102,9 +101,11 @@ class Observer:
         """
         coordinates = COORDINATES[found.type]
         x = coordinates.free(material_of(found)).clamp(-FARTHEST, FARTHEST)
-        told, noise = self._told_by_photographs(taken, coordinates, x)
+        radiance = self._radiance(taken, coordinates, x, self.setting.fidelity.samples)
+        known, difference = _surface(taken), self._relative_difference(taken, radiance(x))
+        told = told_by(taken, radiance, x, foreseen_noise(known, difference, known, found.type))
         radiance = self._radiance(imagined, coordinates, x, SAMPLES)
-        new = told_by(imagined, radiance, x, [median(noise or [UNSEEN_NOISE])] * len(imagined))
+        new = told_by(imagined, radiance, x, foreseen_noise(known, difference, _surface(imagined), found.type))
         pixels, count = self.setting.fidelity.pixels, len(taken)
         present = told.information(pixels / count).sum(0)
         extended = told.information(pixels / (count + 1)).sum(0) + new.information(pixels / (count + 1))
@@ -116,17 +117,15 @@ class Observer:
         finer = shrunk(told.information(more / count).sum(0)[None]) if pixels < more else None
         return Prospect(found, shrunk(extended), finer)
 
-    def _told_by_photographs(
-        self, views: Sequence[View], coordinates: Coordinates, x: Float[Tensor, " x"]
-    ) -> tuple[Told, list[float]]:
-        """What the photographs tell, and the noise of each that shows the material."""
-        radiance = self._radiance(views, coordinates, x, self.setting.fidelity.samples)
-        models = radiance(x).split([len(view.pixels) for view in views])
-        noise = []
-        for view, model, photograph in zip(views, models, self.photographs, strict=True):
-            seen = photograph.radiance[tuple(view.pixels.T)].double()
-            noise.append(max(LEAST_NOISE, relative_noise(model, seen)) if len(seen) else torch.inf)
-        return told_by(views, radiance, x, noise), [each for each in noise if each < torch.inf]
+    def _relative_difference(self, views: Sequence[View], model: Float[Tensor, "p 3"]) -> Float[Tensor, "p 3"]:
+        """Model less photographs, relative to the model."""
+        models = model.split([len(view.pixels) for view in views])
+        differences = [model[:0]]
+        for view, picture, photograph in zip(views, models, self.photographs, strict=True):
+            if len(picture):
+                seen = photograph.radiance[tuple(view.pixels.T)].double()
+                differences.append((picture - seen) * relative_weight(picture))
+        return torch.cat(differences)
 
     def _radiance(
         self, views: Sequence[View], coordinates: Coordinates, x: Float[Tensor, " x"], samples: int
@@ -145,6 +144,11 @@ class Observer:
 
             model = model.under(self.setting.table(surface, (alpha / SPAN, alpha * SPAN, LEVELS), samples, report))
         return lambda x: model.radiance(coordinates.material(x))
+
+
+def _surface(views: Sequence[View]) -> GBuffer:
+    """The rays in the middle of all views' pixels."""
+    return central(gbuffer.concatenate([view.surface for view in views]))
 
 
 def _ratios(

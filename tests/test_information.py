@@ -11,10 +11,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 from test_selection import photograph
 
-from fitter.information import VAGUE, Told, covariance, relative_noise, told_by
+from fitter.information import VAGUE, Told, covariance, foreseen_noise, told_by
 from fitter.observer import COORDINATES
 from fitter.sampled_view import ANGLE_BINS, View, sampled_views
 from renderer import gbuffer
+from renderer.gbuffer import GBuffer
 from renderer.mesh import Sphere
 
 MATTE, METAL = COORDINATES["matte"], COORDINATES["metal"]
@@ -33,12 +34,20 @@ def normal(*shape: int, seed: int) -> torch.Tensor:
     return torch.randn(*shape, dtype=torch.float64, generator=torch.Generator().manual_seed(seed))
 
 
+def even(view: View) -> torch.Tensor:
+    """A noise of a tenth."""
+    return torch.full((len(view.pixels),), 0.1, dtype=torch.float64)
+
+
 def test_information_of_a_linear_model_is_the_textbooks():
     """L = 2 + A x with noise σ = 0.03 L: I = Aᵀ diag(σ⁻²) A, here by one product of whole matrices; of all pixels."""
     views, x = [a_view(120), a_view(60)], torch.zeros(4, dtype=torch.float64)
     sizes = [len(view.pixels) for view in views]
     design = 0.1 * normal(sum(sizes), 3, 4, seed=1)
-    told = told_by(views, lambda x: 2 + design @ x, x, [0.03, 0.06])
+    noise = torch.cat(
+        [torch.full((size,), each, dtype=torch.float64) for size, each in zip(sizes, (0.03, 0.06), strict=True)]
+    )
+    told = told_by(views, lambda x: 2 + design @ x, x, noise)
     first, second = told.information(1e9)
     for found, part, noise in zip((first, second), design.split(sizes), (0.03, 0.06), strict=True):
         expected = part.reshape(-1, 4).T @ part.reshape(-1, 4) / (2 * noise) ** 2
@@ -48,7 +57,7 @@ def test_information_of_a_linear_model_is_the_textbooks():
 def test_half_the_pixels_of_even_light_tell_half():
     """Where every pixel tells the same, only their number counts, whichever angles they come from."""
     view, x = a_view(200), torch.ones(1, dtype=torch.float64)
-    told = told_by([view], lambda x: x * torch.ones(len(view.pixels), 3, dtype=torch.float64), x, [0.1])
+    told = told_by([view], lambda x: x * torch.ones(len(view.pixels), 3, dtype=torch.float64), x, even(view))
     whole, half = (told.information(count)[0].item() for count in (len(view.pixels), len(view.pixels) / 2))
     assert whole == pytest.approx(3 * len(view.pixels) / 0.1**2, rel=1e-12)
     assert half == pytest.approx(whole / 2, rel=1e-12)
@@ -107,14 +116,33 @@ def test_inverses_keep_their_digits_where_numbers_are_of_unlike_size(exponents):
     torch.testing.assert_close(size[:, None] * found * size, inverse, rtol=1e-12, atol=1e-12)
 
 
-def test_noise_is_measured():
-    """5 % of 6000 values; a median absolute deviation scatters by 1.17/√6000 = 1.5 %: four of these. A tenth of wild
-    pixels moves it by 14 %, where a root mean square would be hundreds of times too large."""
-    model = 1 + normal(2000, 3, seed=5).abs()
-    seen = model * (1 + 0.05 * normal(2000, 3, seed=6))
-    assert relative_noise(model, seen) == pytest.approx(0.05, rel=0.06)
-    seen[::10] = 100
-    assert relative_noise(model, seen) == pytest.approx(0.05, rel=0.2)
+def rays(mirrored: torch.Tensor) -> GBuffer:
+    """Rays that mirror these directions off a surface that they meet at 60°."""
+    axis = torch.nn.functional.one_hot(mirrored.abs().argmin(-1), 3).double()
+    across = torch.nn.functional.normalize(torch.linalg.cross(mirrored, axis), dim=-1)
+    normal = 0.5 * mirrored + 0.75**0.5 * across
+    hit = torch.ones(len(mirrored), dtype=torch.bool)
+    flat, none = torch.zeros(len(mirrored), 4, dtype=torch.float64), torch.zeros(len(mirrored), dtype=torch.long)
+    return GBuffer(hit, normal, normal, normal, flat[:, :2], normal - (mirrored - normal), none, none, flat)
+
+
+@pytest.mark.parametrize("kind", ["metal", "glossy"])
+def test_noise_is_foreseen_from_where_the_same_light_was_seen(kind):
+    """Two lamps, one with 2 % of noise and one with 10 %; 96 values know it to 1/√192 = 7 %: four of these."""
+    lamps = torch.tensor([[0.0, 0.0, 1.0], [0.0, 1.0, 0.0]], dtype=torch.float64)
+    which = torch.arange(4000) % 2
+    known = rays(torch.nn.functional.normalize(lamps[which] + 0.1 * normal(4000, 3, seed=3), dim=-1))
+    difference = torch.tensor([0.02, 0.1], dtype=torch.float64)[which][:, None] * normal(4000, 3, seed=4)
+    found = foreseen_noise(known, difference, rays(lamps), kind)
+    assert found.tolist() == pytest.approx([0.02, 0.1], rel=0.28)
+
+
+def test_noise_of_pixels_that_nobody_saw_is_a_finite_guess():
+    lamp = rays(torch.tensor([[0.0, 0.0, 1.0]], dtype=torch.float64))
+    for known in (lamp[:0], lamp):
+        found = foreseen_noise(known, torch.zeros(len(known.hit), 3, dtype=torch.float64), lamp, "metal")
+        assert 0 < found.item() < 0.1
+    assert len(foreseen_noise(lamp, torch.zeros(1, 3, dtype=torch.float64), lamp[:0], "metal")) == 0
 
 
 def test_dark_pixels_do_not_count_as_noiseless():
@@ -122,6 +150,6 @@ def test_dark_pixels_do_not_count_as_noiseless():
     view = a_view(100)
     dark = torch.arange(len(view.pixels)) % 5 < 2
     level = torch.where(dark, 0.0, 1.0).double()[:, None].expand(-1, 3)
-    told = told_by([view], lambda x: level + x, torch.zeros(1, dtype=torch.float64), [0.1])
+    told = told_by([view], lambda x: level + x, torch.zeros(1, dtype=torch.float64), even(view))
     expected = 3 * ((~dark).sum() / 0.1**2 + dark.sum() / (0.1 * 0.05) ** 2)
     assert told.information(1e9)[0].item() == pytest.approx(expected.item(), rel=1e-9)
