@@ -2,34 +2,15 @@
 
 from __future__ import annotations
 
-import enum
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
+from fitter.option_names import FidelityName, LobeName, TypeName
 from fitter.printing import say
 from fitter.progress import progress_bar
 from renderer.errors import InputError
-
-
-class FittedFidelity(enum.StrEnum):
-    preview = "preview"
-    standard = "standard"
-    reference = "reference"
-    viewer = "viewer"  # which is refused with the reason
-
-
-class FittedLobe(enum.StrEnum):
-    ggx = "ggx"
-    beckmann = "beckmann"
-
-
-class FittedType(enum.StrEnum):
-    auto = "auto"
-    metal = "metal"
-    glossy = "glossy"
-    matte = "matte"
 
 
 def advise(
@@ -38,16 +19,16 @@ def advise(
         Path | None, typer.Option(metavar="RESULT.json", help="What `fit` made of this scene; else it is fitted first.")
     ] = None,
     fidelity: Annotated[
-        FittedFidelity | None,
+        FidelityName | None,
         typer.Option(
-            metavar="[preview|standard|reference]",
+            metavar="[preview|standard|reference]",  # the viewer's is refused with the reason
             help="Of the fit whose intervals are to shrink; standard where left out, or the result's.",
         ),
     ] = None,
     type_: Annotated[
-        FittedType | None, typer.Option("--type", help="Of materials that the scene leaves open, without --result.")
+        TypeName | None, typer.Option("--type", help="Of materials that the scene leaves open, without --result.")
     ] = None,
-    lobe: Annotated[FittedLobe | None, typer.Option(help="Distribution of the microfacets, without --result.")] = None,
+    lobe: Annotated[LobeName | None, typer.Option(help="Distribution of the microfacets, without --result.")] = None,
     json: Annotated[bool, typer.Option("--json", help="Print all views that were looked at, as JSON.")] = False,
     device: Annotated[str, typer.Option(help="Where light is integrated: cpu, cuda, cuda:1 …")] = "cpu",
     quiet: Annotated[bool, typer.Option("--quiet", "-q", help="Show no progress.")] = False,
@@ -63,7 +44,7 @@ def advise(
         from fitter.fidelity import preset
         from fitter.pipeline import FitOptions
 
-        chosen = preset((fidelity or FittedFidelity.standard).value, (lobe or FittedLobe.ggx).value)  # type: ignore[arg-type]
-        options = FitOptions(chosen, device=device, type=(type_ or FittedType.auto).value)
+        chosen = preset((fidelity or FidelityName.standard).value, (lobe or LobeName.ggx).value)  # type: ignore[arg-type]
+        options = FitOptions(chosen, device=device, type=(type_ or TypeName.auto).value)
         advice = ask(scene, options, result, progress)
     say(advice.json_text() if json else advice.text())

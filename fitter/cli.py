@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import enum
 import io
 import os
 import shlex
@@ -18,6 +17,7 @@ import typer
 from typer.exceptions import TyperException
 
 from fitter.advise_command import advise
+from fitter.option_names import FidelityName, LobeName, ModelName, PriorName, SolverName, TypeName
 from fitter.printing import flush, say
 from fitter.progress import progress_bar
 from fitter.view_command import view
@@ -41,41 +41,6 @@ app = typer.Typer(
 
 app.command()(view)
 app.command()(advise)
-
-
-class FidelityName(enum.StrEnum):
-    viewer = "viewer"
-    preview = "preview"
-    standard = "standard"
-    reference = "reference"
-
-
-class SolverName(enum.StrEnum):
-    lm = "lm"
-    adam = "adam"
-    lbfgs = "lbfgs"
-
-
-class TypeName(enum.StrEnum):
-    auto = "auto"
-    metal = "metal"
-    glossy = "glossy"
-    matte = "matte"
-
-
-class PriorName(enum.StrEnum):
-    none = "none"
-    catalogue = "catalogue"
-
-
-class ModelName(enum.StrEnum):
-    mitsuba = "mitsuba"
-    viewer = "viewer"
-
-
-class LobeName(enum.StrEnum):
-    ggx = "ggx"
-    beckmann = "beckmann"
 
 
 def _folder(text: str | Path) -> Path:

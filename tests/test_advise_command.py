@@ -216,7 +216,7 @@ def test_a_scene_without_photographs_is_refused(scene, refused):
         (["{scene}", "--result", "no.json"], "no.json: expected a result.json that can be read"),
         (["{scene}", "--result", "{scene}"], "expected strict JSON in UTF-8"),
         (["{result}"], "expected TOML"),
-        (["{scene}", "--fidelity", "best"], "'best' is not one of 'preview', 'standard', 'reference'"),
+        (["{scene}", "--fidelity", "best"], "'best' is not one of 'viewer', 'preview', 'standard', 'reference'"),
         (["{scene}", "-o", "out"], "no such option: -o"),
         (["{scene}", "--device", "cuda:99"], "--device: is cuda:99, expected one that torch can use here"),
         ([], "missing argument"),

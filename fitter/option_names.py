@@ -1,0 +1,40 @@
+"""What the options of several commands may be, by name."""
+
+from __future__ import annotations
+
+import enum
+
+
+class FidelityName(enum.StrEnum):
+    viewer = "viewer"
+    preview = "preview"
+    standard = "standard"
+    reference = "reference"
+
+
+class SolverName(enum.StrEnum):
+    lm = "lm"
+    adam = "adam"
+    lbfgs = "lbfgs"
+
+
+class TypeName(enum.StrEnum):
+    auto = "auto"
+    metal = "metal"
+    glossy = "glossy"
+    matte = "matte"
+
+
+class PriorName(enum.StrEnum):
+    none = "none"
+    catalogue = "catalogue"
+
+
+class ModelName(enum.StrEnum):
+    mitsuba = "mitsuba"
+    viewer = "viewer"
+
+
+class LobeName(enum.StrEnum):
+    ggx = "ggx"
+    beckmann = "beckmann"
