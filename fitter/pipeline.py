@@ -199,7 +199,7 @@ def _labelled(progress: Progress, name: str, count: int) -> Progress:
 
 def _part(index: int, name: str, observed: Observations, choice: Choice, setting: Setting, prior: Prior) -> FittedPart:
     fit = choice.fit
-    uncertainty = spread(fit.residuals, fit.halves, fit.x)
+    uncertainty = spread(fit.residuals, fit.x)
     coordinates = fit.residuals.coordinates
     nearest = nearest_metals(fit.x, coordinates, uncertainty) if isinstance(coordinates, MetalCoordinates) else ()
     rho = None

@@ -20,12 +20,15 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
+from fitter.condensed import solved
 from fitter.fidelity import Fidelity
 from fitter.loading import Loaded
 from fitter.pixel_model import PixelModel
 from fitter.result import MaterialType
 from fitter.search import Fit, Problem, refined
 from fitter.setting import Setting
+from fitter.solve import Solver
+from fitter.uncertainty import unbiased
 from renderer import differentiable
 from renderer.differentiable import DifferentiableScene, Radiance
 from renderer.errors import InputError
@@ -39,9 +42,9 @@ from shaders.materials import Glossy, Material, Metal
 
 SAMPLES = 1024  # paths per pixel
 FEWER_SHOWN = 128  # … of a picture to look at
-ROUNDS = 8
+ROUNDS = 12
 WIDE = 2.0  # factor of the first table's roughness, which what was left out may have moved far
-SETTLED = 0.5  # standard errors: noise estimated anew each round moves a fit of few pixels by a fifth
+SETTLED = 1.0  # standard errors
 PATHS_SEED = 0x9A7B  # beside the fit's own, so that no path of a photograph made by `synth` is walked again
 GREY = (0.5, 0.5, 0.5)  # of materials that no photograph shows
 
@@ -93,11 +96,11 @@ class PolishedPixels(PixelModel):
 
     Attributes:
         base: the table's model.
-        added: what the table leaves out.
+        added: what the table leaves out, by independent sets of paths; the model has their mean.
     """
 
     base: PixelModel
-    added: Tangent
+    added: tuple[Tangent, ...]
 
     @property
     def table(self) -> LightTable | None:  # type: ignore[override]
@@ -106,17 +109,21 @@ class PolishedPixels(PixelModel):
     def under(self, table: LightTable | None) -> PolishedPixels:
         return replace(self, base=self.base.under(table))
 
+    def half(self, which: int) -> PolishedPixels:
+        """The same pixels with one half of the table's samples, and one half of the paths."""
+        return PolishedPixels(self.base.half(which), self.added[which : which + 1])
+
     def radiance(self, material: Material) -> Float[Tensor, "p 3"]:
         """Radiance of every pixel."""
         assert isinstance(material, Metal)
-        return self.base.radiance(material) + self.added.at(material)
+        return self.base.radiance(material) + sum(each.at(material) for each in self.added) / len(self.added)
 
 
 @dataclass(frozen=True)
 class PolishedProblem(Problem):
     """A problem whose pixels see what the object does to itself; `added` as `PolishedPixels` has it."""
 
-    added: Tangent
+    added: tuple[Tangent, ...]
 
     def pixels(self, kind: MaterialType) -> PolishedPixels:
         return PolishedPixels(super().pixels(kind), self.added)
@@ -145,45 +152,77 @@ class Polish:
 def polished(problem: Problem, fit: Fit, scene: DifferentiableScene) -> Polish:
     """Polish the fit of a metal; its solution is "stopped" where `ROUNDS` rounds did not settle.
 
+    First come rounds with tables, weights and paths of their own, then some with all of these as they are: what is
+    drawn anew each time moves a fit to few pixels too much to settle.
+
     Args:
-        problem: the pixels; they may be others than the fit was made from, and may mirror the object itself.
+        problem: that the fit solved.
         fit: where to begin.
         scene: the object in Mitsuba, the fitted metal the one that may change.
     """
-    seed, spans = PATHS_SEED + problem.setting.seed, (WIDE,)
-    for _ in range(ROUNDS):
-        before = _metal(fit)
-        fit = refined(_around(problem, before, scene, seed, spans), fit)
-        if _way(fit, before) < SETTLED:
-            return Polish(fit, scene, seed)
-        spans = problem.fidelity.spans[-1:]
-    return Polish(replace(fit, solution=replace(fit.solution, status="stopped")), scene, seed)
+    seed = PATHS_SEED + problem.setting.seed
+    for span in (WIDE, WIDE, problem.fidelity.spans[-1]):
+        setting = replace(problem.setting, fidelity=replace(problem.fidelity, spans=(span,)))
+        added = _traced(problem, _metal(fit), scene, seed)
+        fit = refined(PolishedProblem(problem.observed, setting, problem.solver, problem.progress, added), fit)
+    return Polish(_settled(problem, fit, scene, seed), scene, seed)
 
 
-def _around(
-    problem: Problem, metal: Metal, scene: DifferentiableScene, seed: int, spans: tuple[float, ...]
-) -> PolishedProblem:
-    """The problem with Mitsuba's paths for one metal, and tables of these spans alone.
+def _settled(problem: Problem, fit: Fit, scene: DifferentiableScene, seed: int) -> Fit:
+    """Rounds of the same table, weights and paths, until they ask for no further step.
 
-    The slopes have paths of their own. Noise that residuals share with their slopes has a product with a mean: by paths
-    of 4 % noise, F0 came out 2 % too dark.
+    Where the photographs leave n and k open, the light bends more within a step than its slopes say, and steps may
+    swing from one side to the other: each time they turn back, less of them is taken.
     """
-    surface = problem.observed.surface
+    drawn, share, last = _metal(fit), 1.0, torch.zeros_like(fit.x)
+    for _ in range(ROUNDS):
+        asked = _again(fit, _traced(problem, _metal(fit), scene, seed, drawn), problem.solver)
+        if _way(asked, fit.x) < SETTLED:
+            return replace(asked, x=unbiased(asked.residuals, asked.x))
+        step = asked.x - fit.x
+        share = share / 2 if float(step @ last) < 0 else share
+        fit, last = replace(asked, x=fit.x + share * step), step
+    fit = replace(fit, solution=replace(fit.solution, status="stopped"))
+    return replace(fit, x=unbiased(fit.residuals, fit.x))
 
-    def trace(which: int) -> Radiance:
+
+def _traced(
+    problem: Problem, metal: Metal, scene: DifferentiableScene, seed: int, drawn: Metal | None = None
+) -> tuple[Tangent, ...]:
+    """What two sets of paths, `drawn` for another metal if that is given, add to the problem's pixels.
+
+    Noise that residuals share with their slopes has a product with a mean, which makes F0 too dark;
+    `uncertainty.unbiased` removes it by slopes and residuals of different sets.
+    """
+
+    def half(which: int) -> Tangent:
         progress = lambda share: problem.progress("tracing paths", (which + share) / 2)  # noqa: E731
-        return scene.radiance(
-            surface, metal, samples=SAMPLES, seed=2 * seed + which, beyond_direct=True, progress=progress
+        added = scene.radiance(
+            problem.observed.surface,
+            metal,
+            samples=SAMPLES // 2,
+            seed=2 * seed + which,
+            beyond_direct=True,
+            drawn=drawn,
+            progress=progress,
         )
+        return Tangent.of(added, metal)
 
-    added = replace(trace(0), value=trace(1).value)
-    setting = replace(problem.setting, fidelity=replace(problem.fidelity, spans=spans))
-    return PolishedProblem(problem.observed, setting, problem.solver, problem.progress, Tangent.of(added, metal))
+    return half(0), half(1)
 
 
-def _way(fit: Fit, before: Metal) -> float:
+def _again(fit: Fit, added: tuple[Tangent, ...], solver: Solver) -> Fit:
+    """The same pixels, table and weights with paths for the metal found."""
+    model = fit.residuals.model
+    assert isinstance(model, PolishedPixels)
+    residuals = replace(fit.residuals, model=replace(model, added=added))
+    solution = solved(residuals, fit.x, solver)
+    return Fit(residuals, solution, solution.x, fit.solve_seconds + solution.seconds)
+
+
+def _way(fit: Fit, before: Float[Tensor, " x"]) -> float:
     """How far the fit moved, in standard errors: the change of the residuals over their scatter."""
-    now, then = fit.residuals(fit.x), fit.residuals(fit.residuals.coordinates.free(before))
+    now, then = fit.residuals(fit.x), fit.residuals(before)
     return float((now - then).norm() / now.square().mean().sqrt())
 
 

@@ -92,6 +92,7 @@ class DifferentiableScene:
         samples: int,
         seed: int,
         beyond_direct: bool = False,
+        drawn: Metal | None = None,
         progress: Progress = unheard,
     ) -> Radiance:
         """Radiance that pixels send back along their rays.
@@ -103,11 +104,16 @@ class DifferentiableScene:
             seed: of the paths; the same seed gives the same numbers.
             beyond_direct: leave out what each pixel would mirror of the emitters if nothing hid them, which a light
                 table has exactly; the paths' noise is then that of the rest.
+            drawn: the metal for which the paths are drawn, if not for this one. With the same seed and the same `drawn`
+                metals near it meet the same paths: the radiance is a smooth function of the metal, whose derivatives
+                are exact.
             progress: told the share that is done, in (0, 1].
         """
         import drjit
 
-        paths = LightPaths(require_variant(), self._scene, self._max_depth, self._change(metal), beyond_direct)
+        paths = LightPaths(
+            require_variant(), self._scene, self._max_depth, self._change(metal, drawn or metal), beyond_direct
+        )
         pixels, step = len(surface.hit), max(1, SAMPLES_PER_PASS // samples)
         starts = range(0, pixels, step)
         streams = np.random.SeedSequence(seed).generate_state(len(starts)).tolist()
@@ -119,15 +125,20 @@ class DifferentiableScene:
             progress(min(1.0, (start + step) / pixels))
         return Radiance(*(torch.cat(each).double() for each in zip(*found, strict=True)))
 
-    def _change(self, metal: Metal) -> ChangingMetal:
-        """Give the scene's metal other numbers."""
+    def _change(self, metal: Metal, drawn: Metal) -> ChangingMetal:
+        """Have the scene draw paths for one metal, to count them for another."""
+        numbers, its = self._numbers(metal), self._numbers(drawn)
+        self._held.update(dict(zip(("eta.value", "k.value", "alpha.value"), its, strict=True)))
+        return ChangingMetal(self._mi, self._bsdf, self._distribution, *numbers, its)
+
+    def _numbers(self, metal: Metal) -> tuple[Any, Any, Any]:
+        """n, k and alpha in Mitsuba's types."""
         import drjit
 
         mi = self._mi
         n, k, alpha = mi.Color3f(metal.n.tolist()), mi.Color3f(metal.k.tolist()), mi.Float(float(metal.roughness))
         drjit.make_opaque(n, k, alpha)  # constants would be compiled into the kernels, which each metal would need anew
-        self._held.update({"eta.value": n, "k.value": k, "alpha.value": alpha})
-        return ChangingMetal(mi, self._bsdf, self._distribution, n, k, alpha)
+        return n, k, alpha
 
 
 def require_variant() -> Any:

@@ -6,8 +6,9 @@ metal, of the logarithmic derivative of
 
     f = F(n, k) D(alpha) G(alpha) / (4 cos θi)
 
-so that one pass over the paths gives the radiance and all derivatives. Channels never mix: a derivative by n holds, for
-each channel, that by its own n.
+so that one pass over the paths gives the radiance and all derivatives. They may be drawn for another metal than they
+meet: then each meeting counts by the ratio of the two f, and as a function of the metal the noise is smooth. Channels
+never mix: a derivative by n holds, for each channel, that by its own n.
 """
 
 from __future__ import annotations
@@ -46,6 +47,7 @@ class ChangingMetal:
         distribution: of the microfacets, a `MicrofacetType`.
         n, k: of the three channels.
         alpha: width of the microfacets.
+        drawn: n, k and alpha for which the scene draws paths.
     """
 
     mi: Any
@@ -54,14 +56,33 @@ class ChangingMetal:
     n: Spectrum
     k: Spectrum
     alpha: Any
+    drawn: tuple[Spectrum, Spectrum, Any]
+
+    def ratio(self, si: Any, outgoing: Any) -> Spectrum:
+        """f of this metal over that of the one for which paths are drawn; 1 off this metal."""
+        import drjit as dr
+
+        known, half, cos_d = self._meeting(si, outgoing)
+        n, k, alpha = self.drawn
+        facets = [dr.exp(self._log_facets(si.wi, outgoing, half, each)) for each in (self.alpha, alpha)]
+        mirrored = [dr.exp(self._log_reflectance(cos_d, *each)) for each in ((self.n, self.k), (n, k))]
+        of_facets = dr.select(facets[1] > 0, facets[0] / facets[1], 0)
+        return dr.select(known, mirrored[0] / mirrored[1] * of_facets, 1)
+
+    def _meeting(self, si: Any, outgoing: Any) -> tuple[Any, Any, Any]:
+        """Whether both directions are before this metal, the half vector between them, and its cosine with either."""
+        import drjit as dr
+
+        half = dr.normalize(si.wi + outgoing)
+        cos_d = dr.dot(si.wi, half)
+        own = si.bsdf() == self.mi.BSDFPtr(self.bsdf)
+        return own & (si.wi.z > 0) & (outgoing.z > 0) & (cos_d > 0), half, cos_d
 
     def scores(self, si: Any, outgoing: Any) -> Scores:
         """Of the reflection from `si.wi` to `outgoing`, both in the local frame; 0 off this metal."""
         import drjit as dr
 
-        half = dr.normalize(si.wi + outgoing)
-        cos_d = dr.dot(si.wi, half)
-        known = (si.bsdf() == self.mi.BSDFPtr(self.bsdf)) & (si.wi.z > 0) & (outgoing.z > 0) & (cos_d > 0)
+        known, half, cos_d = self._meeting(si, outgoing)
         found = (
             _derivative(lambda n: self._log_reflectance(cos_d, n, self.k), self.n),
             _derivative(lambda k: self._log_reflectance(cos_d, self.n, k), self.k),
@@ -170,7 +191,12 @@ class LightPaths:
         sample, light = self.scene.sample_emitter_direction(si, sampler.next_2d(walk.active), False, walk.active)
         outgoing, drawn = si.to_local(sample.d), walk.active & (sample.pdf > 0)
         reflected, density = si.bsdf().eval_pdf(self.mi.BSDFContext(), si, outgoing, drawn)
-        light *= walk.throughput * reflected * dr.select(sample.delta, 1, _heuristic(sample.pdf, density))
+        light *= (
+            walk.throughput
+            * reflected
+            * self.metal.ratio(si, outgoing)
+            * dr.select(sample.delta, 1, _heuristic(sample.pdf, density))
+        )
         hidden = self.scene.ray_test(si.spawn_ray_to(sample.p), drawn)
         return self._counted(light, drawn, hidden, depth == 0), walk.scores + self.metal.scores(si, outgoing)
 
@@ -192,7 +218,7 @@ class LightPaths:
         return _Walk(
             ray=si.spawn_ray(si.to_world(drawn.wo)),
             active=walk.active & (drawn.pdf > 0) & (dr.max(weight) > 0),
-            throughput=walk.throughput * mi.Color3f(weight),
+            throughput=walk.throughput * mi.Color3f(weight) * self.metal.ratio(si, drawn.wo),
             scores=walk.scores + self.metal.scores(si, drawn.wo),
             last=(si, drawn.pdf),
         )

@@ -1,4 +1,4 @@
-"""A bowl that mirrors itself: half a sphere seen from above, its inner side the front."""
+"""A bowl that mirrors itself: the lower part of a sphere seen from above, its inner side the front."""
 
 from __future__ import annotations
 
@@ -18,13 +18,14 @@ from renderer.to_mitsuba import conductor
 from renderer.views import View
 
 N, K, ALPHA = (0.146, 0.425, 1.431), (3.578, 2.326, 1.85), 0.3
+RIM = np.deg2rad(115)  # from the zenith
 ROWS, COLUMNS = 16, 32
 
 
 @cache
 def bowl() -> Mesh:
     """Radius 1, open towards +Y, its normals the true sphere's, inwards."""
-    polar = np.linspace(np.pi / 2, np.pi, ROWS + 1)[:, None]
+    polar = np.linspace(RIM, np.pi, ROWS + 1)[:, None]
     azimuth = np.linspace(0, 2 * np.pi, COLUMNS, endpoint=False)[None]
     place = np.sin(polar) * np.sin(azimuth), np.cos(polar) + 0 * azimuth, np.sin(polar) * np.cos(azimuth)
     vertices = np.stack(place, -1).reshape(-1, 3)
