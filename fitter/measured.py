@@ -12,8 +12,9 @@ from torch import Tensor
 from fitter.fidelity import BLUR_RANGE, MICROFACET_RANGE
 from fitter.parameters import Interval
 from fitter.pixel_model import ViewerPixels
+from fitter.profile import intervals
 from fitter.search import Fit
-from fitter.uncertainty import TWO_SIDED_95, Spread, intervals95, standard_errors
+from fitter.uncertainty import TWO_SIDED_95, Spread, standard_errors
 from fitter.viewer_roughness import ViewerRoughness
 from shaders import fresnel
 from shaders.materials import Metal
@@ -71,7 +72,7 @@ def measured(fit: Fit, spread: Spread, key: str) -> list[Measured]:
         return of_material(coordinates.material(x))
 
     errors = standard_errors(quantity, fit.x, spread)
-    lows, highs = intervals95(quantity, fit.x, spread)
+    lows, highs = intervals(fit, spread, quantity)
     rows = zip(quantity(fit.x).tolist(), errors.tolist(), lows.tolist(), highs.tolist(), strict=True)
     found = [
         Measured(value, error, (low, high)) if all(map(math.isfinite, (error, low, high))) else Measured(value)

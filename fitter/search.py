@@ -12,7 +12,7 @@ from jaxtyping import Float, Int
 from torch import Tensor
 
 from fitter.catalogue import read_catalogue
-from fitter.condensed import solved
+from fitter.condensed import Condensed, condensed, solved
 from fitter.fidelity import BLUR_RANGE, MICROFACET_RANGE, Fidelity
 from fitter.noise import even_whitening, local_whitening, neighbours_of, relative_weight, scatter
 from fitter.parameters import Coordinates, GlossyCoordinates, Interval, MatteCoordinates, MetalCoordinates, tint_of
@@ -119,6 +119,11 @@ class Fit:
     def picture(self) -> Float[Tensor, "p 3"]:
         """Radiance of the material found, at the observed pixels."""
         return self.residuals.model.radiance(self.material)
+
+    @cached_property
+    def condensate(self) -> Condensed | None:
+        """The residuals, condensed; None where they cannot be."""
+        return None if self.residuals.model.mixing(self.material) is None else condensed(self.residuals, self.x)
 
 
 def fit_material(problem: Problem, kind: MaterialType) -> Fit:
