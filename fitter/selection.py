@@ -7,16 +7,17 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import torch
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 from torch import Tensor
 
 from fitter.photographs import Photograph
 from renderer import gbuffer
 from renderer.errors import InputError
 from renderer.gbuffer import GBuffer, Tracer
-from renderer.visibility import sees_itself
+from renderer.visibility import hidden_share, sees_itself
 
 ANGLE_BINS = 16
+FEWEST = 8  # one in so many of a photograph's pixels is taken, even if it mirrors the object
 CANDIDATES = 4  # per pixel that is wanted, so that the rare grazing ones are among them
 
 
@@ -52,7 +53,7 @@ def choose_pixels(
 
     Only near grazing angles does reflectance tell n from k, and a photograph has few pixels there; an even spread
     keeps them. Pixels whose footprint leaves the front of the object or the material are never taken; those that
-    mirror the object itself only where a photograph has no others.
+    mirror the object itself only where a photograph has hardly any others, and then those that do so the least.
 
     Args:
         photographs: each contributes the same number of pixels, as far as it has them.
@@ -124,7 +125,7 @@ def _observe(
     if not len(own.pixels):
         return None
     mirrors_itself = sees_itself(trace, own.centres)
-    usable = ~mirrors_itself if not mirrors_itself.all() else mirrors_itself
+    usable = _freest(trace, own.centres, mirrors_itself, min(quota, len(own.pixels)) // FEWEST)
     pixels, n_dot_v = own.pixels[usable], own.centres.n_dot_v[usable]
     pixels = pixels[_evenly_by_angle(n_dot_v, quota + quota // 8)]  # some will not be whole
     surface = gbuffer.pixel_footprints(trace, photograph.camera, pixels[:, 1], pixels[:, 0], footprint)
@@ -133,6 +134,14 @@ def _observe(
     radiance = photograph.radiance[row, column].double()
     found = Observations(surface[whole][:quota], radiance, float(mirrors_itself.double().mean()))
     return found if len(radiance) else None
+
+
+def _freest(trace: Tracer, centres: GBuffer, mirrors_itself: Bool[Tensor, " p"], fewest: int) -> Bool[Tensor, " p"]:
+    """The pixels that do not mirror the object; where they are fewer, as many of those that mirror the least of it."""
+    if (~mirrors_itself).sum() >= max(1, fewest):
+        return ~mirrors_itself
+    least = hidden_share(trace, centres).argsort(stable=True)[: max(1, fewest)]
+    return torch.zeros_like(mirrors_itself).index_fill(0, least, True)
 
 
 def _require_front(centres: GBuffer, place: tuple[Path, str]) -> None:

@@ -18,7 +18,7 @@ from renderer import gbuffer
 from renderer.camera import Camera
 from renderer.mesh import Mesh, Shape, Sphere
 from renderer.visibility import sees_itself
-from tests.test_visibility import balls, bowl
+from tests.test_visibility import bowl
 
 
 def pair() -> Mesh:
