@@ -15,7 +15,7 @@ from renderer.visibility import sees_itself
 
 ANGLE_BINS = 16  # of equal width in n·v, as `selection.choose_pixels` spreads its pixels
 LOOKED_AT = 4096  # pixels of a picture whose centres are traced, to know how many it has of each angle
-MIRRORED = 4  # times as many pixels are asked whether they mirror the object: of a hollow one, most do
+MIRRORED = 2  # times as many pixels are asked whether they mirror the object: of a hollow one, most do
 
 Pixels = Int[Tensor, "p 2"]
 """Row and column."""
@@ -89,29 +89,29 @@ class _Picture:
     def of_material(self, pixels: Pixels, centres: GBuffer, each: float, count: int, material: int) -> View:
         """Some of a material's pixels that a fit could use; and of each angle as large a share of the picture's."""
         available = each * histogram(_bin_of(centres.n_dot_v))
-        for usable, most in ((self._free, MIRRORED * count), (self._whole, count)):
-            tried = _first_of_each_bin(centres.n_dot_v, most)
-            pixels, centres = pixels[tried], centres[tried]
-            kept = usable(pixels, centres, material)
-            angle_bin = _bin_of(centres.n_dot_v)
-            available = available * histogram(angle_bin[kept]) / histogram(angle_bin).clamp_min(1)
-            pixels, centres = pixels[kept], centres[kept]
-        return View(self._rays(pixels), pixels, _bin_of(centres.n_dot_v), available)
+        tried = _first_of_each_bin(centres.n_dot_v, MIRRORED * count)
+        pixels, centres = pixels[tried], centres[tried]
+        free = self._free(centres)
+        available = available * _share(free, centres)
+        pixels, centres = pixels[free], centres[free]
+        tried = _first_of_each_bin(centres.n_dot_v, count)
+        pixels, centres = pixels[tried], centres[tried]
+        surface = gbuffer.pixel_footprints(self.trace, self.camera, pixels[:, 1], pixels[:, 0], self.footprint)
+        whole = (surface.front & (surface.material == material)).all(-1)
+        return View(surface[whole], pixels[whole], _bin_of(centres[whole].n_dot_v), available * _share(whole, centres))
 
-    def _free(self, pixels: Pixels, centres: GBuffer, material: int) -> Bool[Tensor, " p"]:
+    def _free(self, centres: GBuffer) -> Bool[Tensor, " p"]:
         """Which do not mirror the object itself; all, in a photograph that was taken and has no others."""
-        if not len(pixels):
+        if not len(centres.hit):
             return torch.zeros(0, dtype=torch.bool)
         mirroring = sees_itself(self.trace, centres)
         return mirroring if mirroring.all() and not self.imagined else ~mirroring
 
-    def _whole(self, pixels: Pixels, centres: GBuffer, material: int) -> Bool[Tensor, " p"]:
-        """Which lie on the material's front wholly."""
-        surface = self._rays(pixels)
-        return (surface.front & (surface.material == material)).all(-1)
 
-    def _rays(self, pixels: Pixels) -> GBuffer:
-        return gbuffer.pixel_footprints(self.trace, self.camera, pixels[:, 1], pixels[:, 0], self.footprint)
+def _share(kept: Bool[Tensor, " p"], centres: GBuffer) -> Float[Tensor, " bins"]:
+    """The share that is kept of each angle; 0 where there is none."""
+    angle_bin = _bin_of(centres.n_dot_v)
+    return histogram(angle_bin[kept]) / histogram(angle_bin).clamp_min(1)
 
 
 def _strata(total: int, most: int, generator: torch.Generator) -> Int[Tensor, " c"]:
