@@ -13,6 +13,7 @@ from torch import Tensor
 from fitter.photographs import Photograph
 from renderer import gbuffer
 from renderer.errors import InputError
+from renderer.footprint import is_smooth
 from renderer.gbuffer import GBuffer, Tracer
 from renderer.visibility import hidden_share, sees_itself
 
@@ -130,10 +131,22 @@ def _observe(
     pixels = pixels[_evenly_by_angle(n_dot_v, quota + quota // 8)]  # some will not be whole
     surface = gbuffer.pixel_footprints(trace, photograph.camera, pixels[:, 1], pixels[:, 0], footprint)
     whole = (surface.front & (surface.material == material)).all(-1)
+    whole = _smoothest(surface, footprint, whole)
     row, column = pixels[whole][:quota].T
     radiance = photograph.radiance[row, column].double()
     found = Observations(surface[whole][:quota], radiance, float(mirrors_itself.double().mean()))
     return found if len(radiance) else None
+
+
+def _smoothest(surface: GBuffer, footprint: int, whole: Bool[Tensor, " p"]) -> Bool[Tensor, " p"]:
+    """The whole pixels without an edge inside, between whose rays others can be told; all, where most have one.
+
+    Nor can they be told in the outermost pixels, where angles run from grazing to none.
+    """
+    if footprint == 1:
+        return whole
+    smooth = whole & is_smooth(surface.normal.reshape(-1, footprint, footprint, 3))
+    return smooth if 2 * smooth.sum() >= whole.sum() else whole
 
 
 def _freest(trace: Tracer, centres: GBuffer, mirrors_itself: Bool[Tensor, " p"], fewest: int) -> Bool[Tensor, " p"]:

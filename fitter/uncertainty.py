@@ -20,13 +20,14 @@ TWO_SIDED_95 = 1.959964  # Φ⁻¹(0.975)
 NOTHING = 1e-100  # the precision where nothing moves the residuals at all; its inverse can still be squared
 ROUNDING = 1e-14  # of the largest eigenvalue of an information matrix
 MOST_BIAS = 3.0  # standard errors that a step may take: of few pixels, halves know too little to be followed further
-UNBIASED_STEPS = 2  # each leaves the noise's variance, relative to the light, as a share of the error before
+UNBIASED_STEPS, UNBIASED_WITHIN = 8, 0.01  # at most so many, until one is that part of a standard error
+DROWNED = 0.1  # least share of what a table says that is not taken for its noise
 
 # A number counts as determined while the half width of its 95 % interval stays below this share of the value, or
 # below this absolute width: beyond it the interval no longer tells one metal from its neighbours.
 DETERMINED_RELATIVE = {
-    "n": 0.25,
-    "k": 0.25,
+    "n": 0.1,
+    "k": 0.1,
     "f0": 0.05,
     "alpha": 0.25,
     "roughness": 0.25,
@@ -34,8 +35,8 @@ DETERMINED_RELATIVE = {
     "reflectance": 0.05,
 }
 DETERMINED_ABSOLUTE = {
-    "n": 0.02,
-    "k": 0.1,
+    "n": 0.0,
+    "k": 0.0,
     "f0": 0.02,
     "alpha": 0.005,
     "roughness": 0.02,
@@ -71,22 +72,22 @@ def unbiased(residuals: Residuals, x: Float[Tensor, " x"]) -> Float[Tensor, " x"
     if residuals.model.table is None:
         return x
     whitening = residuals.robust_whitening(x)
-    jacobian, of_prior = torch.matmul(whitening, residuals.slope(x)), torch.func.jacfwd(residuals.prior)(x)
-    information = _information(jacobian, of_prior)
-    inverse = _inverse(information)
     for _ in range(UNBIASED_STEPS):
-        slopes = [torch.matmul(whitening, half.slope(x)) for half in residuals.halves]
-        rows = [torch.einsum("prc,pc->pr", whitening, half.difference(x)) for half in residuals.halves]
-        crossed = [torch.einsum("prx,pr->x", *pair) for pair in zip(slopes, reversed(rows), strict=True)]
-        step = inverse @ (sum(crossed) / 2 + of_prior.T @ residuals.prior(x))
-        x = x - step / ((step @ information @ step).clamp_min(0).sqrt() / MOST_BIAS).clamp_min(1)
+        scores, information = _crossed(residuals, whitening, x)
+        of_prior = torch.func.jacfwd(residuals.prior)(x)
+        step = _inverse(information) @ (scores.sum(0) + of_prior.T @ residuals.prior(x))
+        length = (step @ information @ step).clamp_min(0).sqrt()
+        x = x - step / (length / MOST_BIAS).clamp_min(1)
+        if not length > UNBIASED_WITHIN:
+            break
     return x
 
 
 def spread(residuals: Residuals, x: Float[Tensor, " x"]) -> Spread:
-    """Covariance at a solution, from the residuals' own scatter.
+    """Covariance at a solution of `unbiased`, from the residuals' own scatter.
 
-        C = H⁻¹ (m/(m - p) Σ_i gᵢgᵢᵀ + P) H⁻¹,   H = Σ_i JᵢᵀJᵢ + P,   gᵢ = Jᵢᵀrᵢ        [White 1982, eq. 3.2]
+        C = H⁻¹ (m/(m - p) Σ_i gᵢgᵢᵀ + P) H⁻¹        [White 1982, eq. 3.2]
+        H = ½ Σ_i (J_AᵀJ_B + J_BᵀJ_A)ᵢ + P,   gᵢ = ½ (J_Aᵀ r_B + J_Bᵀ r_A)ᵢ
 
     i counts the m pixels, whose channels share their noise; P is the prior's part of H. Nothing is taken for granted
     but that pixels are independent: the noise may differ between them, and need not be what the weights say. The
@@ -98,20 +99,38 @@ def spread(residuals: Residuals, x: Float[Tensor, " x"]) -> Spread:
         residuals: of the whole table.
         x: the solution.
     """
-    whitening, of_prior = residuals.robust_whitening(x), torch.func.jacfwd(residuals.prior)(x)
-    jacobian = torch.matmul(whitening, residuals.slope(x))
-    scores = torch.einsum("prx,prc,pc->px", jacobian, whitening, residuals.difference(x))
+    scores, information = _crossed(residuals, residuals.robust_whitening(x), x)
+    of_prior = torch.func.jacfwd(residuals.prior)(x)
     freedom = len(scores) / max(1, len(scores) - len(x))
-    information = _information(jacobian, of_prior)
     inverse = _inverse(information)
     scattered = scores.T @ scores * freedom + of_prior.T @ of_prior
     return Spread(inverse @ scattered @ inverse + _unknown(information))
 
 
-def _information(jacobian: Float[Tensor, "p r x"], of_prior: Float[Tensor, "q x"]) -> Float[Tensor, "x x"]:
-    """JᵀJ of the pixels and of the prior."""
-    rows = jacobian.flatten(0, 1)
-    return rows.T @ rows + of_prior.T @ of_prior
+def _crossed(
+    residuals: Residuals, whitening: Float[Tensor, "p 3 3"], x: Float[Tensor, " x"]
+) -> tuple[Float[Tensor, "p x"], Float[Tensor, "x x"]]:
+    """Each pixel's part of the cost's slope, by slopes of one half of the table and residuals of the other; and H.
+
+    Where the halves' noise drowns what is known, H may lack it: no direction is taken to be known by less than
+    `DROWNED` of what the whole table says.
+    """
+    first, second = (torch.matmul(whitening, half.slope(x)) for half in residuals.halves)
+    of_first, of_second = (torch.einsum("prc,pc->pr", whitening, half.difference(x)) for half in residuals.halves)
+    scores = (torch.einsum("prx,pr->px", first, of_second) + torch.einsum("prx,pr->px", second, of_first)) / 2
+    of_prior = torch.func.jacfwd(residuals.prior)(x)
+    prior = of_prior.T @ of_prior
+    whole = ((first + second) / 2).flatten(0, 1)
+    said = whole.T @ whole + prior
+    crossed = first.flatten(0, 1).T @ second.flatten(0, 1)
+    scale = said.diagonal().clamp_min(NOTHING).sqrt()
+    known, directions, rounding = _directions(said / scale / scale[:, None])
+    root = directions * torch.where(known > 0, known, rounding).sqrt()
+    against = torch.linalg.solve(root, ((crossed + crossed.T) / 2 + prior) / scale / scale[:, None])
+    against = torch.linalg.solve(root, against.T)
+    share, ways = torch.linalg.eigh((against + against.T) / 2)
+    root = scale[:, None] * root @ ways
+    return scores, root * share.clamp(DROWNED, 1.0) @ root.T
 
 
 def _inverse(information: Float[Tensor, "x x"]) -> Float[Tensor, "x x"]:

@@ -96,7 +96,7 @@ def moments(
     thread = dr.arange(UInt32, 2 * pixels)
     draws = Draws.of(numbers.repeat_interleave(2), thread & 1, samples, rays, seed)
     lobes, middle = [Group.of(alphas) for alphas in groups], math.sqrt(groups[0][0] * groups[-1][-1])
-    asked = Asked.by(light.blocks, frames[:, rays // 2], middle, EVEN if len(groups) == 1 else EVENLY)
+    asked = Asked.by(light.blocks, frames[:, 0], middle, EVEN if len(groups) == 1 else EVENLY)
 
     def body(i: Any, sums: list[Any]) -> tuple[Any, list[Any]]:
         u1, u2, ray = draws.lobe(i)

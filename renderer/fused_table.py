@@ -15,6 +15,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from renderer.environment import Environment
+from renderer.footprint import Rays, filled, rays_of
 from renderer.gbuffer import GBuffer
 from renderer.lamps import along_z_order
 from renderer.lobe_sampling import frames
@@ -67,21 +68,21 @@ def integrate_fused(
     from renderer.fused_light import fused_light
 
     light, order, levels = fused_light(environment), _by_mirrored_view(surface), sum(map(len, groups))
-    pixels, rays = surface.hit.shape
+    pixels, rays = len(surface.hit), rays_of(surface)
     step = max(_PIXELS, min(_SAMPLES // (samples * levels), _RAYS // rays))
     table = torch.empty(2, levels, pixels, degree, 3)
     for start in range(0, pixels, step):
         chosen = order[start : start + step]
-        part = packed_frames(surface[chosen])
+        part = packed_frames(filled(surface[chosen], seed * pixels + start))
         made = [moments(light, part, chosen, batch, distribution, degree, samples, seed) for batch in _batches(groups)]
         table[:, :, chosen] = torch.cat(made, 1)
         progress(min(1.0, (start + step) / pixels))
     return table
 
 
-def packed_frames(surface: GBuffer) -> Float[Tensor, "p k 8"]:
+def packed_frames(surface: Rays) -> Float[Tensor, "p k 8"]:
     """Of each ray its tangent, sin_v, normal, cos_v: twice the four numbers that a kernel fetches at once."""
-    rays = torch.arange(surface.hit.shape[1])
+    rays = torch.arange(surface.normal.shape[1])
     frame = frames(surface, rays)
     tangent, _, normal = frame.axes
     return torch.stack([*tangent, frame.sin_v, *normal, frame.cos_v], -1)

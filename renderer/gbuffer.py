@@ -95,7 +95,7 @@ def pixel_footprints(
     alike, and their mean is exact for polynomials of degree `side` or `side` + 1 in the place within the pixel: a plain
     grid is too narrow, which a fit would take for a rougher surface.
     """
-    offset = torch.tensor(_equal_weight_nodes(side), dtype=torch.float64)
+    offset = torch.tensor(equal_weight_nodes(side), dtype=torch.float64)
     dy, dx = (grid.flatten() for grid in torch.meshgrid(offset, offset, indexing="ij"))
     x, y = column[:, None] + dx, row[:, None] + dy
     origins, directions = camera.rays(x.flatten(), y.flatten())
@@ -114,7 +114,7 @@ _CHEBYSHEV = {
 }
 
 
-def _equal_weight_nodes(count: int) -> list[float]:
+def equal_weight_nodes(count: int) -> list[float]:
     """Places in [0, 1] whose plain mean integrates; beyond seven a midpoint grid, widened to the variance of 1/12."""
     if count in _CHEBYSHEV:
         right = [0.5 + node / 2 for node in _CHEBYSHEV[count]]

@@ -10,7 +10,7 @@ from torch import Tensor
 
 from renderer import lamp_blocks, lamps, latlong
 from renderer.environment import Environment
-from renderer.gbuffer import GBuffer
+from renderer.footprint import Rays
 from renderer.lamps import LampSampler
 from renderer.latlong import LatLong
 from shaders import lobe
@@ -46,7 +46,7 @@ class Frames:
         return tuple(x * t + y * b + z * n for t, b, n in zip(tangent, bitangent, normal, strict=True))
 
 
-def frames(surface: GBuffer, ray: Tensor) -> Frames:
+def frames(surface: Rays, ray: Tensor) -> Frames:
     """Local frames in which the view lies in the xz plane, for the ray of the footprint that each sample takes."""
     normal, view, cos_v = surface.normal, surface.view, surface.n_dot_v
     tangent = view - cos_v[..., None] * normal
@@ -69,7 +69,10 @@ def _any_tangent(normal: Float[Tensor, "p 3"]) -> Float[Tensor, "p 3"]:
 
 @dataclass(frozen=True)
 class Points:
-    """The Sobol points of the lobe's samples, and the ray of the footprint that each of them takes."""
+    """The Sobol points of the lobe's samples, and the ray of the footprint that each of them takes.
+
+    One half of the samples takes one half of the rays.
+    """
 
     u1: Float[Tensor, " s"]
     u2: Float[Tensor, " s"]
@@ -78,7 +81,9 @@ class Points:
     @staticmethod
     def draw(samples: int, rays: int, seed: int, device: torch.device) -> Points:
         u1, u2, u3 = torch.quasirandom.SobolEngine(3, scramble=True, seed=seed).draw(samples).T.to(device)
-        return Points(u1, u2, (u3 * rays).long().clamp_max(rays - 1))
+        own = max(1, rays // 2)
+        second = (torch.arange(samples, device=device) >= samples // 2) * (rays - own)
+        return Points(u1, u2, (u3 * own).long().clamp_max(own - 1) + second)
 
     def shifted(self, pixels: int, generator: torch.Generator) -> tuple[Float[Tensor, "p s"], Float[Tensor, "p s"]]:
         """The points, each half of each pixel's shifted by itself [Cranley & Patterson 1976]: errors are their own."""

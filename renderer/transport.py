@@ -22,6 +22,7 @@ from torch import Tensor
 from renderer import chebyshev, cubemap
 from renderer.cubemap import Cubemap
 from renderer.environment import Environment
+from renderer.footprint import filled, rays_of
 from renderer.fused_table import fused_available, integrate_fused
 from renderer.gbuffer import GBuffer
 from renderer.lobe_sampling import Directions, Frames, LightSampler, Points, asked_blocks, draw_lamps, draw_lobe, frames
@@ -150,14 +151,14 @@ def _integrate(
     """The table's light in torch, on the environment's device."""
     pixels, device = len(surface.hit), environment.radiance.device
     sampler = LightSampler.of(environment)
-    points = Points.draw(samples // 2, surface.hit.shape[1], seed, device)
-    middle_ray = torch.tensor([surface.hit.shape[1] // 2], device=device)
+    points = Points.draw(samples // 2, rays_of(surface), seed, device)
+    middle_ray = torch.tensor([0], device=device)
     step = max(1, _CHUNK // samples)
 
     def integrate(start: int) -> Float[Tensor, "2 a c b 3"]:
         generator = torch.Generator(device).manual_seed(seed * pixels + start)
-        frame = frames(surface[start : start + step].to(device), points.ray)
-        middle = frames(surface[start : start + step].to(device), middle_ray)
+        rays = filled(surface[start : start + step], seed * pixels + start).to(device)
+        frame, middle = (frames(rays, which) for which in (points.ray, middle_ray))
         u1, u2 = points.shifted(len(frame.cos_v), generator)
         made = []
         for alphas in groups:

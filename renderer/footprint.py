@@ -1,0 +1,119 @@
+"""Rays all over each pixel, between the few that were traced."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import torch
+from jaxtyping import Bool, Float
+from torch import Tensor
+
+from renderer.gbuffer import GBuffer, equal_weight_nodes
+
+STRATA = 6  # along each side of a pixel, for each half of its rays
+SMOOTH = 0.02  # share of the highest polynomial in what was traced, beyond which there is an edge between
+BENT = 0.2  # radian between two traced rays of a pixel, beyond which the same is said
+LEVEL = 1e-6  # radian by which normals differ that are parallel
+
+
+@dataclass(frozen=True)
+class Rays:
+    """The surface as rays see it: unit normals and unit directions to the viewer, world space, float64."""
+
+    normal: Float[Tensor, "p r 3"]
+    view: Float[Tensor, "p r 3"]
+
+    @property
+    def n_dot_v(self) -> Float[Tensor, "p r"]:
+        return (self.normal * self.view).sum(-1)
+
+    def to(self, device: torch.device) -> Rays:
+        return Rays(self.normal.to(device), self.view.to(device))
+
+    def __getitem__(self, index: object) -> Rays:
+        return Rays(self.normal[index], self.view[index])
+
+
+def rays_of(surface: GBuffer) -> int:
+    """How many rays `filled` has for each pixel."""
+    return 1 if surface.hit.shape[1] == 1 else 2 * STRATA**2
+
+
+def filled(surface: GBuffer, seed: int) -> Rays:
+    """Rays spread all over each pixel, the first half of them and the second each evenly by itself.
+
+    A lamp that a narrow lobe mirrors near the silhouette sweeps over all of a pixel: a few fixed rays may miss it, in
+    every pixel alike. Where the surface is smooth, normals and views between the traced rays follow from these by
+    Lagrange's polynomials; where an edge crosses the pixel, rays are those traced next to them.
+
+    Args:
+        surface: [p, side²] of `gbuffer.pixel_footprints`.
+        seed: of the places, which no two pixels share.
+
+    Returns:
+        [p, r] rays; that which was traced where there is one per pixel.
+    """
+    pixels, count = surface.hit.shape
+    side = math.isqrt(count)
+    if side == 1:
+        return Rays(surface.normal, surface.view)
+    nodes = torch.tensor(equal_weight_nodes(side), dtype=torch.float64)
+    place = _places(pixels, torch.Generator().manual_seed(seed))
+    smooth = is_smooth(surface.normal.reshape(pixels, side, side, 3))[:, None, None, None]
+    weights = torch.where(smooth, _lagrange(nodes, place), _nearest(nodes, place))  # [p, r, row or column, side]
+    both = torch.cat([surface.normal, surface.view], -1).reshape(pixels, side, -1)
+    along_rows = torch.bmm(weights[:, :, 0], both).reshape(pixels, -1, side, 6)
+    found = torch.einsum("prs,prsc->prc", weights[:, :, 1], along_rows)
+    normal, view = (torch.nn.functional.normalize(part, dim=-1) for part in found.split(3, -1))
+    return Rays(normal, view)
+
+
+def _places(pixels: int, generator: torch.Generator) -> Float[Tensor, "p r 2"]:
+    """Row and column within the pixel, in (0, 1): two jittered grids."""
+    cell = torch.stack(torch.meshgrid(torch.arange(STRATA), torch.arange(STRATA), indexing="ij"), -1).reshape(-1, 2)
+    jitter = torch.rand(pixels, 2 * STRATA**2, 2, generator=generator, dtype=torch.float64)
+    return (cell.repeat(2, 1) + jitter) / STRATA
+
+
+def _lagrange(nodes: Float[Tensor, " s"], place: Float[Tensor, "p r 2"]) -> Float[Tensor, "p r 2 s"]:
+    """Values of Lagrange's polynomials at the places."""
+    apart = place[..., None] - nodes
+    between = nodes[:, None] - nodes
+    products = [
+        torch.stack([apart[..., j] / between[i, j] for j in range(len(nodes)) if j != i]).prod(0)
+        for i in range(len(nodes))
+    ]
+    return torch.stack(products, -1)
+
+
+def _nearest(nodes: Float[Tensor, " s"], place: Float[Tensor, "p r 2"]) -> Float[Tensor, "p r 2 s"]:
+    """1 for the node next to each place."""
+    nearest = (place[..., None] - nodes).abs().argmin(-1)
+    return torch.nn.functional.one_hot(nearest, len(nodes)).to(place)
+
+
+def is_smooth(normal: Float[Tensor, "p s s 3"]) -> Bool[Tensor, " p"]:
+    """Whether normals between the nodes of each pixel follow from those at the nodes.
+
+    So it is where the highest polynomial through them has a small share in their change: its Chebyshev amplitude over
+    the difference between the outermost, along rows and columns. Of two nodes a side it is taken for so where they
+    differ little.
+    """
+    across = (normal[:, :, -1] - normal[:, :, 0]).norm(dim=-1).amax(1)
+    down = (normal[:, -1] - normal[:, 0]).norm(dim=-1).amax(1)
+    if normal.shape[1] < 3:
+        return torch.maximum(across, down) < BENT
+    rough = torch.maximum(
+        _highest(normal) / across.clamp_min(LEVEL), _highest(normal.transpose(1, 2)) / down.clamp_min(LEVEL)
+    )
+    return rough < SMOOTH
+
+
+def _highest(normal: Float[Tensor, "p l s 3"]) -> Float[Tensor, " p"]:
+    """Amplitude of the highest Chebyshev polynomial on [0, 1] through nodes along the third axis."""
+    side = normal.shape[2]
+    nodes = torch.tensor(equal_weight_nodes(side), dtype=normal.dtype)
+    between = (nodes[:, None] - nodes + torch.eye(side, dtype=normal.dtype)).prod(1)
+    highest = 2.0 ** (3 - 2 * side) / between  # of the divided difference
+    return torch.einsum("s,plsc->plc", highest, normal).norm(dim=-1).amax(1)
