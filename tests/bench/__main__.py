@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterator
 from functools import partial
 
 from renderer.to_mitsuba import variant_here
-from tests.bench import agreement, coverage, frame, grid, loop, parity, recovery, types
+from tests.bench import agreement, coverage, frame, grid, loop, parity, race, recovery, types
 from tests.bench.fits import How
 from tests.bench.grid import Selection
 from tests.bench.photographs import ALPHAS, ENVIRONMENTS, METALS, SHAPES
@@ -52,6 +52,7 @@ def parts(asked: argparse.Namespace) -> Parts:
         "loop": ("From photographs to the viewer's picture", loop.rows),
         "parity": ("GLSL against torch", parity.rows),
         "frame": ("Time of a picture", frame.rows),
+        "race": ("Against Mitsuba's own inverse rendering", race.rows),
         "real": (
             "Recovery: a sphere and two meshes, 512 samples",
             partial(grid.every_shape, selection=fewer, shapes=asked.shapes, spp=512),

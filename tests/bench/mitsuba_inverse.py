@@ -19,12 +19,12 @@ from renderer import gbuffer
 from renderer.camera import Camera
 from renderer.differentiable import DifferentiableScene
 from renderer.environment import Environment
-from renderer.gbuffer import GBuffer
 from renderer.mesh import Shape
 from renderer.to_mitsuba import conductor, envmap, mitsuba, mitsuba_shapes, sensor
 from shaders.materials import Metal
 
 START = {"n": (1.0, 1.0, 1.0), "k": (3.0, 3.0, 3.0), "alpha": 0.4}  # of somebody who knows that it is a metal
+Numbers = Float[np.ndarray, "*p 3"]
 LEAST, WIDEST = 1e-3, 1.0
 DAMPING = 1e-3
 FOOTPRINT = 8
@@ -163,61 +163,60 @@ def _schedule(index: int) -> int:
 
 
 def gauss_newton(loaded: Loaded, limit: float) -> Iterator[State]:
-    """Damped Gauss–Newton on logarithms, 32², 1024 samples, by the quickest forward derivatives that we know of.
+    """Damped Gauss–Newton on logarithms, 32², 1024 samples; derivatives by Mitsuba's own forward differentiation."""
+    target = Target(loaded, 32, "direct")
+    seen = np.concatenate([picture[mask] for picture, mask in zip(target.seen, target.mask, strict=True)])
 
-    Those are `DifferentiableScene`'s, all in one pass over the paths; `Pictures.derivatives`, by Mitsuba's automatic
-    differentiation, takes about ten times as long. From the fourth step on each step starts from the mean of what was
-    found since: noise averages out.
-    """
-    pixels = _Pixels.of(loaded, 32)
-    logs = np.log([*START["n"], *START["k"], START["alpha"]])
-    found: list[np.ndarray] = []
+    def derivatives(n: Numbers, k: Numbers, alpha: float, seed: int) -> list[Numbers]:
+        views = [target.derivatives(n, k, alpha, view, 1024, seed) for view in range(len(target.seen))]
+        masked = [[each[mask] for each in view] for view, mask in zip(views, target.mask, strict=True)]
+        return [np.concatenate(each) for each in zip(*masked, strict=True)]
+
+    return _newton(seen, derivatives, limit)
+
+
+def gauss_newton_in_one_pass(loaded: Loaded, limit: float) -> Iterator[State]:
+    """The same by `DifferentiableScene`, ours, which has all derivatives from one pass over Mitsuba's paths."""
+    trace, seen, parts = gbuffer.tracer(loaded.shape), [], []
+    for each in loaded.photographs:
+        radiance, mask = _smaller(each.radiance.numpy(), each.mask.numpy(), 32)
+        row, column = torch.from_numpy(mask).nonzero().T
+        camera = replace(each.camera, width=32, height=32)
+        parts.append(gbuffer.pixel_footprints(trace, camera, column, row, FOOTPRINT))
+        seen.append(radiance[mask])
+    surface = gbuffer.concatenate(parts)
+    scene = DifferentiableScene(loaded.shape, loaded.environment, (), [conductor(**START)], max_depth=2)
+
+    def derivatives(n: Numbers, k: Numbers, alpha: float, seed: int) -> list[Numbers]:
+        metal = Metal(*(torch.as_tensor(each, dtype=torch.float64) for each in (n, k, alpha)))
+        made = scene.radiance(surface, metal, samples=1024, seed=seed)
+        return [each.numpy() for each in (made.value, made.by_n, made.by_k, made.by_alpha)]
+
+    return _newton(np.concatenate(seen), derivatives, limit)
+
+
+def _newton(seen: Numbers, derivatives: Callable[..., list[Numbers]], limit: float) -> Iterator[State]:
+    """From the fourth step on each step starts from the mean of what was found since: noise averages out."""
+    logs, found = np.log([*START["n"], *START["k"], START["alpha"]]), []
+    weight = 1 / (seen + 0.1 * seen.mean(0))
 
     def step(index: int) -> tuple[Any, Any, Any]:
         nonlocal logs
-        residual, jacobian = pixels.linearised(logs, index)
+        n, k, (alpha,) = np.split(np.exp(logs), [3, 6])
+        value, by_n, by_k, by_alpha = derivatives(n, k, float(alpha), index)
+        columns = np.zeros((*seen.shape, 7))
+        for c in range(3):  # channels do not mix
+            columns[:, c, c], columns[:, c, 3 + c] = by_n[:, c] * n[c], by_k[:, c] * k[c]
+        columns[:, :, 6] = by_alpha * alpha
+        jacobian = (columns * weight[..., None]).reshape(-1, 7)
         normal = jacobian.T @ jacobian
+        residual = ((value - seen) * weight).ravel()
         way = np.linalg.solve(normal + DAMPING * np.diag(normal.diagonal()), -jacobian.T @ residual)
         found.append(np.clip(logs + np.clip(way, -1.5, 1.5), -7, [*[3] * 6, 0]))
         logs = found[-1] if index < 4 else np.mean(found[3:], 0)
         return tuple(np.split(np.exp(logs), [3, 6]))  # type: ignore[return-value]
 
     return _timed(step, limit)
-
-
-@dataclass(frozen=True)
-class _Pixels:
-    """Covered pixels of smaller photographs: what they show, and Mitsuba's scene of what they see."""
-
-    seen: Float[np.ndarray, "p 3"]
-    surface: GBuffer
-    scene: DifferentiableScene
-
-    @staticmethod
-    def of(loaded: Loaded, size: int) -> _Pixels:
-        trace, seen, parts = gbuffer.tracer(loaded.shape), [], []
-        for each in loaded.photographs:
-            radiance, mask = _smaller(each.radiance.numpy(), each.mask.numpy(), size)
-            row, column = torch.from_numpy(mask).nonzero().T
-            camera = replace(each.camera, width=size, height=size)
-            parts.append(gbuffer.pixel_footprints(trace, camera, column, row, FOOTPRINT))
-            seen.append(radiance[mask])
-        scene = DifferentiableScene(loaded.shape, loaded.environment, (), [conductor(**START)], max_depth=2)
-        return _Pixels(np.concatenate(seen).astype(float), gbuffer.concatenate(parts), scene)
-
-    def linearised(self, logs: np.ndarray, index: int) -> tuple[np.ndarray, np.ndarray]:
-        """Relative residuals at a point, and their derivatives by its seven numbers; channels do not mix."""
-        n, k, (alpha,) = np.split(np.exp(logs), [3, 6])
-        metal = Metal(*(torch.as_tensor(each, dtype=torch.float64) for each in (n, k, alpha)))
-        made = self.scene.radiance(self.surface, metal, samples=1024, seed=index)
-        weight = 1 / (self.seen + 0.1 * self.seen.mean(0))
-        columns = np.zeros((*self.seen.shape, 7))
-        for c in range(3):
-            columns[:, c, c] = made.by_n[:, c].numpy() * n[c]
-            columns[:, c, 3 + c] = made.by_k[:, c].numpy() * k[c]
-        columns[:, :, 6] = made.by_alpha.numpy() * alpha
-        residual = (made.value.numpy() - self.seen) * weight
-        return residual.ravel(), (columns * weight[..., None]).reshape(-1, 7)
 
 
 def _timed(step: Callable[[int], tuple[Any, Any, Any]], limit: float) -> Iterator[State]:
