@@ -12,7 +12,6 @@ of q over that of the inverse information, says how far the noise is from what t
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -22,6 +21,7 @@ from torch import Tensor
 from torch.func import jacrev, vmap
 
 from fitter.uncertainty import TWO_SIDED_95, Function, Spread, intervals95, standard_errors
+from fitter.valley import Valley, dispersion_of, value_and_aux
 
 if TYPE_CHECKING:
     from fitter.search import Fit
@@ -61,7 +61,7 @@ def profiled(residual: Function, x: Float[Tensor, " x"], spread: Spread, quantit
     ellipse = torch.stack(intervals95(quantity, x, spread))
     turns, along, way = _turning(quantity, x, spread)
     slope = torch.where(turns[:, None], torch.eye(len(x), dtype=x.dtype)[along], jacrev(quantity)(x))
-    valley = _Valley.around(residual, quantity, x, _dispersion(residual, x, slope, spread))
+    valley = Valley.around(residual, quantity, x, dispersion_of(residual, x, slope, spread))
     ends = _Ends.of((valley.dispersion < UNRELATED) & ellipse.isfinite().all(0))
     ends = ends.only(turns[ends.index] | ~_ellipse_holds(valley, ends))
     turned = ends.only(turns[ends.index])
@@ -73,7 +73,7 @@ def profiled(residual: Function, x: Float[Tensor, " x"], spread: Spread, quantit
     return _joined(ellipse, *_searched(_State.at(valley, every, starts)))
 
 
-def _ellipse_holds(valley: _Valley, ends: _Ends) -> Bool[Tensor, " e"]:
+def _ellipse_holds(valley: Valley, ends: _Ends) -> Bool[Tensor, " e"]:
     """Whether a step to the ends as they would be in a straight valley leads to the ends."""
     if not len(ends.index):
         return torch.zeros(0, dtype=torch.bool)
@@ -100,69 +100,6 @@ class _Ends(NamedTuple):
 
 
 @dataclass(frozen=True)
-class _Valley:
-    """The deviance D, and a quantity over it.
-
-    Attributes:
-        residual: R.
-        quantity: q.
-        x: where D is 0.
-        removed: δ.
-        least: |R(x) - δ|².
-        dispersion: κ of each quantity.
-    """
-
-    residual: Function
-    quantity: Function
-    x: Float[Tensor, " x"]
-    removed: Float[Tensor, " r"]
-    least: Float[Tensor, ""]
-    dispersion: Float[Tensor, " q"]
-
-    @staticmethod
-    def around(residual: Function, quantity: Function, x: Float[Tensor, " x"], dispersion: Tensor) -> _Valley:
-        jacobian, r = _slope(residual, x), residual(x)
-        removed = jacobian @ torch.linalg.lstsq(jacobian, r[:, None], driver="gelsd").solution[:, 0]
-        return _Valley(residual, quantity, x, removed, (r - removed).square().sum(), dispersion)
-
-    @property
-    def wanted(self) -> Float[Tensor, " q"]:
-        """The deviance at the ends."""
-        return TWO_SIDED_95**2 * self.dispersion
-
-    def deviance(self, x: Float[Tensor, "e x"]) -> tuple[Tensor, Tensor, Tensor]:
-        """D, [e]; half its gradient, [e, x]; JᵀJ, [e, x, x]."""
-        # not jacfwd: torch 2's derivative of linalg.solve is wrong under vmap(jacfwd), and right under vmap(jacrev)
-        jacobian, r = vmap(jacrev(_twice(self.residual), has_aux=True))(x)
-        r = r - self.removed
-        gradient = torch.einsum("erx,er->ex", jacobian, r)
-        return r.square().sum(-1) - self.least, gradient, torch.einsum("erx,ery->exy", jacobian, jacobian)
-
-
-def _dispersion(
-    residual: Function, x: Float[Tensor, " x"], slope: Float[Tensor, "q x"], spread: Spread
-) -> Float[Tensor, " q"]:
-    """κ of quantities by their slopes: gᵀ C g over gᵀ (JᵀJ)⁻¹ g; infinite or NaN where nothing is known."""
-    taken = torch.linalg.lstsq(_slope(residual, x).T, slope.T, driver="gelsd").solution  # J (JᵀJ)⁻¹ g
-    return (slope @ spread.covariance * slope).sum(-1) / taken.square().sum(0)
-
-
-def _slope(residual: Function, x: Float[Tensor, " x"]) -> Float[Tensor, "r x"]:
-    """J; 0 where it is not finite."""
-    return jacrev(residual)(x).nan_to_num(0.0, 0.0, 0.0)
-
-
-def _twice(function: Function) -> Callable[[Tensor], tuple[Tensor, Tensor]]:
-    """Its value as function and auxiliary, so that `jacrev` gives both derivative and value."""
-
-    def both(x: Tensor) -> tuple[Tensor, Tensor]:
-        value = function(x)
-        return value, value
-
-    return both
-
-
-@dataclass(frozen=True)
 class _State:
     """Free vectors on their ways to the ends, all at once.
 
@@ -170,11 +107,11 @@ class _State:
         valley: that they are in.
         ends: they seek.
         x: the free vectors.
-        deviance, gradient, information: as `_Valley.deviance` has it.
+        deviance, gradient, information: as `Valley.deviance` has it.
         distance, slope: of the quantity from the value, outwards, and its gradient.
     """
 
-    valley: _Valley
+    valley: Valley
     ends: _Ends
     x: Float[Tensor, "e x"]
     deviance: Float[Tensor, " e"]
@@ -184,8 +121,8 @@ class _State:
     slope: Float[Tensor, "e x"]
 
     @staticmethod
-    def at(valley: _Valley, ends: _Ends, x: Float[Tensor, "e x"]) -> _State:
-        slopes, values = vmap(jacrev(_twice(valley.quantity), has_aux=True))(x)
+    def at(valley: Valley, ends: _Ends, x: Float[Tensor, "e x"]) -> _State:
+        slopes, values = vmap(jacrev(value_and_aux(valley.quantity), has_aux=True))(x)
         each = torch.arange(len(x))
         distance = ends.side * (values - valley.quantity(valley.x))[each, ends.index]
         slope = ends.side[:, None] * slopes[each, ends.index]

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import pytest
@@ -12,8 +14,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import least_squares
 
-from fitter.profile import profiled
+from fitter.parameters import Interval, MetalCoordinates
+from fitter.profile import intervals, profiled
 from fitter.uncertainty import TWO_SIDED_95, Spread, intervals95
+from shaders import fresnel
+from shaders.materials import Metal
 
 PRECISION = torch.tensor([[3.0, 0.5], [0.2, 0.4], [-1.0, 0.3]], dtype=torch.float64)  # A: rows of a small problem
 COVARIANCE = torch.linalg.inv(PRECISION.T @ PRECISION)
@@ -118,6 +123,47 @@ def test_what_is_not_finite_beyond_a_wall_is_not_entered():
     """R = log(1 + x) ends at x = -1; D = 3.84 at x = exp(±1.96) - 1, which is inside."""
     found = profiled(lambda x: torch.log(1 + x), float64(0.0), Spread(torch.eye(1).double()), lambda x: x)
     assert_ends(found, float64(math.expm1(-TWO_SIDED_95)), float64(math.expm1(TWO_SIDED_95)))
+
+
+@pytest.mark.parametrize(("n", "k"), [(2.9, 3.0), (0.9, 2.0), (0.15, 3.6)])
+def test_a_metal_seen_from_nearby_angles_has_the_ends_of_a_grid(n, k):
+    """Reflectance to 1 % from 0° to 60°, which leaves n and k of a channel on a bent valley; k turns round where n = 1.
+    Channels know nothing of each other: the first one's region is looked for on a grid of F0 and tint, whose steps are
+    a hundredth of the region's width at most."""
+    coordinates = MetalCoordinates(Interval(0.1, 0.4))
+    metal = Metal(float64(n, n, n), float64(k, k, k), float64(0.2)[0])
+    x, cos_d = coordinates.free(metal), torch.linspace(0.5, 1, 6, dtype=torch.float64)
+    seen = fresnel.conductor(cos_d[:, None], metal.n, metal.k)
+
+    def residual(y: torch.Tensor) -> torch.Tensor:
+        found = coordinates.material(y)
+        curve = fresnel.conductor(cos_d[:, None], found.n, found.k) - fresnel.conductor(
+            cos_d[:, None], metal.n, metal.k
+        )
+        return torch.cat([100 * curve.flatten(), y[3:] - x[3:]])
+
+    slope = torch.func.jacrev(residual)(x)
+    spread = Spread(torch.linalg.inv(slope.T @ slope))
+    f0 = torch.logit(metal.f0[0] + torch.linspace(-0.03, 0.03, 301).double().clamp_max(0.999 - metal.f0[0]))
+    grid = torch.cartesian_prod(f0, x[3] + torch.linspace(-2, 2, 601).double())
+    places = x.repeat(len(grid), 1)
+    places[:, 0], places[:, 3] = grid.T
+    metals = torch.func.vmap(lambda y: torch.stack([(m := coordinates.material(y)).n[0], m.k[0]]))(places)
+    inside = torch.func.vmap(residual)(places).square().sum(1) <= TWO_SIDED_95**2
+    for key, values in zip(("n", "k"), metals[inside].T, strict=True):
+        found = profiled(residual, x, spread, lambda y, key=key: getattr(coordinates.material(y), key)[:1])
+        assert_ends(found, values.min(), values.max())
+
+
+def test_what_cannot_be_condensed_keeps_the_ellipse():
+    @dataclass
+    class Fit:
+        x: torch.Tensor
+        condensate: None = None
+
+    fit: Any = Fit(float64(0.3, -0.2))
+    found = intervals(fit, Spread(COVARIANCE), torch.exp)
+    torch.testing.assert_close(found, intervals95(torch.exp, fit.x, Spread(COVARIANCE)), rtol=0, atol=0)
 
 
 NUMBERS = st.floats(-3, 3)
