@@ -74,8 +74,8 @@ def advise(
 
 
 def _fidelity_of(result: Result, file: Path) -> Fidelity:
-    """The fidelity that a result was fitted at."""
-    name, lobe = result.model.fidelity, result.model.lobe
+    """The fidelity that a result was fitted at, before it was polished if it was."""
+    name, lobe = result.model.fidelity.partition(",")[0], result.model.lobe
     if name not in EXACT or lobe not in ("ggx", "beckmann"):
         raise InputError(file, "model.fidelity", f"{name} with {lobe}", f"{' or '.join(EXACT)}: {WHY_EXACT}")
     return preset(name, lobe)

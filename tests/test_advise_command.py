@@ -170,6 +170,13 @@ def test_a_result_of_the_viewers_model_is_refused(scene, refused):
     assert told == f"{path}: model.fidelity: is viewer with taps, expected preview or standard or reference: {WHY}"
 
 
+def test_a_polished_result_is_as_good(scene, call):
+    path = spoilt(scene, lambda data: data["model"].update(fidelity="preview, polished by Mitsuba's path tracer"))
+    code, out, err = call(scene, "--result", path)
+    assert (code, err) == (0, "")
+    assert "would" in out
+
+
 def test_another_scenes_result_is_refused(scene, refused):
     scene.write_text(scene.read_text().replace("scale = 1.0", "scale = 1.5"))
     told = refused(scene, "--result", result_of(scene))
