@@ -8,6 +8,7 @@ import torch
 from jaxtyping import Bool, Float
 from torch import Tensor
 
+from renderer.footprint import Rays
 from renderer.gbuffer import GBuffer, Tracer
 from renderer.lobe_sampling import frames
 from shaders import lobe
@@ -76,7 +77,8 @@ def _met(trace: Tracer, surface: GBuffer, u1: Float[Tensor, "p s"], u2: Float[Te
 
 def _rough_reflections(surface: GBuffer, u1: Float[Tensor, "p s"], u2: Float[Tensor, "p s"]) -> Float[Tensor, "p s 3"]:
     """Directions into which a GGX lobe of alpha `WIDE` mirrors the view [Heitz 2018], float64."""
-    frame = frames(surface[:, None], torch.zeros(u1.shape[1], dtype=torch.long))
+    rays = Rays(surface.normal[:, None], surface.view[:, None])
+    frame = frames(rays, torch.zeros(u1.shape[1], dtype=torch.long))
     hx, hy, hz = lobe.sample_visible_normals(frame.cos_v, WIDE, u1, u2)
     cos_d = frame.sin_v * hx + frame.cos_v * hz
     world = frame.to_world(2 * cos_d * hx - frame.sin_v, 2 * cos_d * hy, 2 * cos_d * hz - frame.cos_v)
