@@ -128,8 +128,8 @@ def test_what_is_not_finite_beyond_a_wall_is_not_entered():
 @pytest.mark.parametrize(("n", "k"), [(2.9, 3.0), (0.9, 2.0), (0.15, 3.6)])
 def test_a_metal_seen_from_nearby_angles_has_the_ends_of_a_grid(n, k):
     """Reflectance to 1 % from 0° to 60°, which leaves n and k of a channel on a bent valley; k turns round where n = 1.
-    Channels know nothing of each other: the first one's region is looked for on a grid of F0 and tint, whose steps are
-    a hundredth of the region's width at most."""
+    Channels know nothing of each other: the first one's region is looked for on a grid of F0 and tint, in steps
+    of 0.0002 and 0.007."""
     coordinates = MetalCoordinates(Interval(0.1, 0.4))
     metal = Metal(float64(n, n, n), float64(k, k, k), float64(0.2)[0])
     x, cos_d = coordinates.free(metal), torch.linspace(0.5, 1, 6, dtype=torch.float64)
@@ -137,10 +137,8 @@ def test_a_metal_seen_from_nearby_angles_has_the_ends_of_a_grid(n, k):
 
     def residual(y: torch.Tensor) -> torch.Tensor:
         found = coordinates.material(y)
-        curve = fresnel.conductor(cos_d[:, None], found.n, found.k) - fresnel.conductor(
-            cos_d[:, None], metal.n, metal.k
-        )
-        return torch.cat([100 * curve.flatten(), y[3:] - x[3:]])
+        curve = fresnel.conductor(cos_d[:, None], found.n, found.k)
+        return torch.cat([100 * (curve - seen).flatten(), y[3:] - x[3:]])
 
     slope = torch.func.jacrev(residual)(x)
     spread = Spread(torch.linalg.inv(slope.T @ slope))
@@ -169,7 +167,7 @@ def test_what_cannot_be_condensed_keeps_the_ellipse():
 NUMBERS = st.floats(-3, 3)
 
 
-@settings(max_examples=40)
+@settings(max_examples=25)
 @given(st.lists(NUMBERS, min_size=6, max_size=6), st.tuples(NUMBERS, NUMBERS), NUMBERS, st.floats(0.1, 30))
 def test_ends_are_finite_and_in_order_and_hold_the_value(rows, x, bend, scale):
     """Of any rows, rank 0 and 1 among them, with a spread as `uncertainty.spread` states it: huge where nothing is
@@ -202,6 +200,7 @@ def growth_slope(x: np.ndarray) -> np.ndarray:
     return np.stack([-a * np.expm1(-bt), a * bt * np.exp(-bt)], 1) / BELIEVED
 
 
+@pytest.mark.slow
 def test_95_of_100_intervals_hold_the_truth():
     """400 experiments whose noise is twice what the weights say, which the sandwich knows. A share of 0.95 scatters by
     √(0.95·0.05/400) = 0.011, each side's misses of 0.025 by 0.0078; three of these."""
