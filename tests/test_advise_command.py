@@ -138,6 +138,7 @@ def test_without_a_result_the_scene_is_fitted_and_nothing_is_written(scene, call
     assert {path: path.stat().st_mtime_ns for path in scene.parent.rglob("*")} == before
 
 
+@pytest.mark.slow
 def test_where_no_view_helps_it_says_so(fitted, tmp_path, call):
     """Six photographs of some 2700 covered pixels each, of which a preview takes 3000 in all; so it does of seven."""
     scene = soft_scene(tmp_path / "large", gold(), views=6, size=64, spp=16)
