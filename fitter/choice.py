@@ -16,6 +16,7 @@ from fitter.search import Fit, Problem, draft, fit_material, refined
 
 KINDS: tuple[MaterialType, ...] = ("metal", "glossy", "matte")
 HOPELESS = 2.0  # times the least squared difference at the drafts' accuracy: no refinement makes up for that
+ROUNDING = 1e-5  # relative, of single precision through tables, levels and lookups
 DECISIVE = 10.0  # of a difference in BIC: "very strong" [Kass & Raftery 1995, table]
 
 
@@ -71,16 +72,16 @@ def _criteria(fits: Mapping[MaterialType, Fit]) -> dict[MaterialType, float]:
 
         BIC = m ln(Σψ²/m) + p ln m        [Schwarz 1978, for a normal error of unknown scatter]
 
-    m values, p parameters, ψ the robust relative difference to the photographs. Every fit is weighed alike; all are
-    fits of the same pixels.
+    m values, p parameters, ψ the robust relative difference to the photographs, which below `ROUNDING` says nothing.
+    Every fit is weighed alike; all are fits of the same pixels.
     """
     differences: dict[MaterialType, Tensor] = {kind: _relative_difference(fit) for kind, fit in fits.items()}
-    least = max(min(scatter(each) for each in differences.values()), 1e-9)
+    least = max(min(scatter(each) for each in differences.values()), ROUNDING)
     bic: dict[MaterialType, float] = {}
     for kind, difference in differences.items():
         count = difference.numel()
         mean_square = float(huber(difference, ROBUST_AT * least).square().mean())
-        bic[kind] = count * math.log(max(mean_square, 1e-18)) + len(fits[kind].x) * math.log(count)
+        bic[kind] = count * math.log(max(mean_square, ROUNDING**2)) + len(fits[kind].x) * math.log(count)
     best = min(bic.values())
     return {kind: each - best for kind, each in bic.items()}
 

@@ -42,7 +42,7 @@ from renderer.threads import one_thread_per_operation
 
 Progress = Callable[[str, float], None]
 
-FEWER_SHOWN = 2  # half the fit's directions make the report's pictures; their noise is in `quality`
+FEWER_SHOWN = 4  # a quarter of the fit's directions makes the report's pictures; their noise is in `quality`
 SHOWN_FOOTPRINT = 2
 
 

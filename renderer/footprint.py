@@ -11,6 +11,7 @@ from torch import Tensor
 
 from renderer.gbuffer import GBuffer, equal_weight_nodes
 
+FEW = 9  # traced rays, from which no others can be told
 STRATA = 6  # along each side of a pixel, for each half of its rays
 SMOOTH = 0.02  # share of the highest polynomial in what was traced, beyond which there is an edge between
 BENT = 0.2  # radian between two traced rays of a pixel, beyond which the same is said
@@ -31,16 +32,21 @@ class Rays:
     def to(self, device: torch.device) -> Rays:
         return Rays(self.normal.to(device), self.view.to(device))
 
-    def __getitem__(self, index: object) -> Rays:
-        return Rays(self.normal[index], self.view[index])
-
 
 def rays_of(surface: GBuffer) -> int:
     """How many rays `filled` has for each pixel."""
-    return 1 if surface.hit.shape[1] == 1 else 2 * STRATA**2
+    return surface.hit.shape[1] if surface.hit.shape[1] < FEW else 2 * STRATA**2
 
 
-def filled(surface: GBuffer, seed: int) -> Rays:
+def places(surface: GBuffer, seed: int) -> Float[Tensor, "p r 2"]:
+    """Row and column within each pixel, in (0, 1), of rays all over it: two jittered grids, anew in every pixel."""
+    generator = torch.Generator().manual_seed(seed)
+    cell = torch.stack(torch.meshgrid(torch.arange(STRATA), torch.arange(STRATA), indexing="ij"), -1).reshape(-1, 2)
+    jitter = torch.rand(len(surface.hit), 2 * STRATA**2, 2, generator=generator)
+    return (cell.repeat(2, 1) + jitter) / STRATA
+
+
+def filled(surface: GBuffer, place: Float[Tensor, "p r 2"]) -> Rays:
     """Rays spread all over each pixel, the first half of them and the second each evenly by itself.
 
     A lamp that a narrow lobe mirrors near the silhouette sweeps over all of a pixel: a few fixed rays may miss it, in
@@ -49,17 +55,17 @@ def filled(surface: GBuffer, seed: int) -> Rays:
 
     Args:
         surface: [p, side²] of `gbuffer.pixel_footprints`.
-        seed: of the places, which no two pixels share.
+        place: of each ray; see `places`.
 
     Returns:
-        [p, r] rays; that which was traced where there is one per pixel.
+        [p, r] rays; those traced where they are fewer than `FEW` per pixel.
     """
     pixels, count = surface.hit.shape
     side = math.isqrt(count)
-    if side == 1:
+    if count < FEW:
         return Rays(surface.normal, surface.view)
     nodes = torch.tensor(equal_weight_nodes(side), dtype=torch.float64)
-    place = _places(pixels, torch.Generator().manual_seed(seed))
+    place = place.double()
     smooth = is_smooth(surface.normal.reshape(pixels, side, side, 3))[:, None, None, None]
     weights = torch.where(smooth, _lagrange(nodes, place), _nearest(nodes, place))  # [p, r, row or column, side]
     both = torch.cat([surface.normal, surface.view], -1).reshape(pixels, side, -1)
@@ -67,13 +73,6 @@ def filled(surface: GBuffer, seed: int) -> Rays:
     found = torch.einsum("prs,prsc->prc", weights[:, :, 1], along_rows)
     normal, view = (torch.nn.functional.normalize(part, dim=-1) for part in found.split(3, -1))
     return Rays(normal, view)
-
-
-def _places(pixels: int, generator: torch.Generator) -> Float[Tensor, "p r 2"]:
-    """Row and column within the pixel, in (0, 1): two jittered grids."""
-    cell = torch.stack(torch.meshgrid(torch.arange(STRATA), torch.arange(STRATA), indexing="ij"), -1).reshape(-1, 2)
-    jitter = torch.rand(pixels, 2 * STRATA**2, 2, generator=generator, dtype=torch.float64)
-    return (cell.repeat(2, 1) + jitter) / STRATA
 
 
 def _lagrange(nodes: Float[Tensor, " s"], place: Float[Tensor, "p r 2"]) -> Float[Tensor, "p r 2 s"]:

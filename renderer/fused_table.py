@@ -15,7 +15,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from renderer.environment import Environment
-from renderer.footprint import Rays, filled, rays_of
+from renderer.footprint import Rays, filled, places, rays_of
 from renderer.gbuffer import GBuffer
 from renderer.lamps import along_z_order
 from renderer.lobe_sampling import frames
@@ -69,11 +69,12 @@ def integrate_fused(
 
     light, order, levels = fused_light(environment), _by_mirrored_view(surface), sum(map(len, groups))
     pixels, rays = len(surface.hit), rays_of(surface)
+    place = places(surface, seed)
     step = max(_PIXELS, min(_SAMPLES // (samples * levels), _RAYS // rays))
     table = torch.empty(2, levels, pixels, degree, 3)
     for start in range(0, pixels, step):
         chosen = order[start : start + step]
-        part = packed_frames(filled(surface[chosen], seed * pixels + start))
+        part = packed_frames(filled(surface[chosen], place[chosen]))
         made = [moments(light, part, chosen, batch, distribution, degree, samples, seed) for batch in _batches(groups)]
         table[:, :, chosen] = torch.cat(made, 1)
         progress(min(1.0, (start + step) / pixels))

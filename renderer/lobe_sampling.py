@@ -10,7 +10,7 @@ from torch import Tensor
 
 from renderer import lamp_blocks, lamps, latlong
 from renderer.environment import Environment
-from renderer.footprint import Rays
+from renderer.footprint import FEW, Rays
 from renderer.lamps import LampSampler
 from renderer.latlong import LatLong
 from shaders import lobe
@@ -71,7 +71,7 @@ def _any_tangent(normal: Float[Tensor, "p 3"]) -> Float[Tensor, "p 3"]:
 class Points:
     """The Sobol points of the lobe's samples, and the ray of the footprint that each of them takes.
 
-    One half of the samples takes one half of the rays.
+    One half of the samples takes one half of the rays, where there are enough for two sets.
     """
 
     u1: Float[Tensor, " s"]
@@ -81,7 +81,7 @@ class Points:
     @staticmethod
     def draw(samples: int, rays: int, seed: int, device: torch.device) -> Points:
         u1, u2, u3 = torch.quasirandom.SobolEngine(3, scramble=True, seed=seed).draw(samples).T.to(device)
-        own = max(1, rays // 2)
+        own = rays if rays < FEW else rays // 2
         second = (torch.arange(samples, device=device) >= samples // 2) * (rays - own)
         return Points(u1, u2, (u3 * own).long().clamp_max(own - 1) + second)
 

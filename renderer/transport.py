@@ -22,7 +22,7 @@ from torch import Tensor
 from renderer import chebyshev, cubemap
 from renderer.cubemap import Cubemap
 from renderer.environment import Environment
-from renderer.footprint import filled, rays_of
+from renderer.footprint import filled, places, rays_of
 from renderer.fused_table import fused_available, integrate_fused
 from renderer.gbuffer import GBuffer
 from renderer.lobe_sampling import Directions, Frames, LightSampler, Points, asked_blocks, draw_lamps, draw_lobe, frames
@@ -153,11 +153,12 @@ def _integrate(
     sampler = LightSampler.of(environment)
     points = Points.draw(samples // 2, rays_of(surface), seed, device)
     middle_ray = torch.tensor([0], device=device)
-    step = max(1, _CHUNK // samples)
+    step, place = max(1, _CHUNK // samples), places(surface, seed)
 
     def integrate(start: int) -> Float[Tensor, "2 a c b 3"]:
         generator = torch.Generator(device).manual_seed(seed * pixels + start)
-        rays = filled(surface[start : start + step], seed * pixels + start).to(device)
+        part = slice(start, start + step)
+        rays = filled(surface[part], place[part]).to(device)
         frame, middle = (frames(rays, which) for which in (points.ray, middle_ray))
         u1, u2 = points.shifted(len(frame.cos_v), generator)
         made = []

@@ -127,14 +127,18 @@ def test_light_is_drawn_where_it_is_seen():
     assert (lamps.sampling_density(environment).flatten()[cell] > 0).all()
 
 
-def test_strata_of_the_light_are_compact():
-    """Of a map without lamps, sixteen strata are blocks and no stripes: on the average a texel's fellows lie near."""
-    environment = Environment(torch.ones(32, 64, 3), 0.0)
-    u = (torch.arange(16 * 500) + 0.5) / (16 * 500)
-    half = torch.full_like(u, 0.5)
-    towards = torch.stack(lamps.sample(lamps.build(environment), u, half, half)[:3], -1).reshape(16, 500, 3)
-    # a stripe around the sphere has a mean of length near 0 at the equator, a block of 1/16 of the sphere near 0.87
-    assert towards.mean(1).norm(dim=-1).min() > 0.7
+def test_strata_of_a_block_are_compact():
+    """Of a map without lamps: a block's directions lie within its 11°, those of its sixteen strata within a quarter."""
+    environment = Environment(torch.ones(256, 512, 3), 0.0)
+    sampler = lamps.build(environment)
+    blocks, number = sampler.blocks, 8 * 32 + 5  # beside the horizon
+    u = blocks.first[number] + blocks.share[number] * (torch.arange(16 * 64) + 0.5) / (16 * 64)
+    half = torch.full((len(u),), 0.5)
+    towards = torch.stack(lamps.sample(sampler, u, half, half)[:3], -1).double()
+    assert torch.rad2deg((towards @ blocks.towards[number].double()).clamp(-1, 1).acos()).max() < 11.25 / 2**0.5 + 1
+    strata = towards.reshape(16, 64, 3)
+    spread = torch.rad2deg((2 - 2 * strata.mean(1).norm(dim=-1)).clamp_min(0).sqrt())
+    assert spread.max() < 11.25 / 4
 
 
 @pytest.mark.parametrize("height", [1, 2])
