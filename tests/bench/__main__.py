@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterator
 from functools import partial
 
 from renderer.to_mitsuba import variant_here
-from tests.bench import agreement, coverage, frame, grid, loop, parity, race, recovery, types
+from tests.bench import agreement, budget, coverage, frame, grid, loop, parity, race, recovery, types
 from tests.bench.fits import How
 from tests.bench.grid import Selection
 from tests.bench.photographs import ALPHAS, ENVIRONMENTS, METALS, SHAPES
@@ -47,6 +47,7 @@ def parts(asked: argparse.Namespace) -> Parts:
         "recovery-noise": ("Recovery, noise added", partial(grid.rows, selection=whole, noise=grid.NOISE)),
         "recovery-spot": ("Recovery: Spot", partial(grid.spot, selection=whole)),
         "recovery-coverage": ("Coverage of the intervals", partial(coverage.rows, selection=whole)),
+        "budget": ("What each error of the model moves", budget.rows),
         "types": ("Recovery and choice of the type", types.rows),
         "types-4096": ("Recovery and choice of the type, less noise", partial(types.rows, spp=4096)),
         "loop": ("From photographs to the viewer's picture", loop.rows),
