@@ -61,7 +61,7 @@ def require_of_scene(result: Result, path: Path, loaded: Loaded, scene_file: Pat
     changed = _not_among(loaded.inputs, result.inputs)
     if changed:
         expected = f"{changed} as it was when it was fitted; fit again, or leave --result out"
-        raise InputError(path, "inputs", f"without {Path(changed).name} of {scene_file.name}", expected)
+        raise InputError(path, "inputs", "of other files", expected)
     gone = _not_among(result.inputs, loaded.inputs)
     if gone:
         expected = f"only files that {scene_file} reads; fit again, or leave --result out"

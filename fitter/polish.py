@@ -238,7 +238,7 @@ def require_polishable(fidelity: Fidelity) -> None:
         InputError: names the option and what it needs.
     """
     if fidelity.lobe == "taps":
-        raise InputError("--polish", expected="preview, standard or reference for --fidelity: Mitsuba has no taps")
+        raise InputError("--polish", expected="preview, standard or reference for --fidelity: Mitsuba has no such blur")
     differentiable.require_variant()
 
 

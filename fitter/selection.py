@@ -53,8 +53,8 @@ def choose_pixels(
     """At most `count` pixels of each material, spread evenly over the angles at which the surface is seen.
 
     Only near grazing angles does reflectance tell n from k, and a photograph has few pixels there; an even spread
-    keeps them. Pixels whose footprint leaves the front of the object or the material are never taken; those that
-    mirror the object itself only where a photograph has hardly any others, and then those that do so the least.
+    keeps them. Pixels whose footprint leaves the front of the object or the material are never taken; those with an
+    edge inside only where most have one, those that mirror the object itself only where a photograph has few others.
 
     Args:
         photographs: each contributes the same number of pixels, as far as it has them.

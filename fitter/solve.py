@@ -25,7 +25,7 @@ ZERO_RESIDUAL = 1e-9  # share of the first cost that counts as none where a perf
 RANK_CUT = 1e-12  # singular values below this share of the largest are rounding
 ROWS, COLUMNS = (256, 12288), 8  # problems are padded to the first, or to multiples of the others
 STILL = 5  # steps in a row below the tolerance end Adam
-MAX_STEPS = {"lm": 64, "adam": 1000, "lbfgs": 200}
+MAX_STEPS = {"lm": 64, "adam": 2000, "lbfgs": 200}
 
 
 @dataclass(frozen=True)

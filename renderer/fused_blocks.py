@@ -25,8 +25,8 @@ class FusedBlocks:
 
     Attributes:
         middles: x, y, z of each block's direction, and its spread.
-        shares: of all light, and its cumulative share before, as whole numbers of 2³² in floating point.
-        first: the latter, exactly.
+        shares: of all light, by block.
+        first: light of all blocks before, of 2³².
         of_row, of_column: a texel's block is their sum.
     """
 

@@ -103,8 +103,9 @@ def microfacet_table(
     """Light through a GGX or Beckmann lobe with Smith shadowing, from above the horizon.
 
     Half of the directions are drawn from the lobe (visible normals at Sobol points, [Heitz 2018]), half from the
-    environment; the balance heuristic [Veach 1997, eq. 9.8] joins them. The samples walk through the pixel's
-    footprint as they walk through the lobe. No lookup is filtered: the mean of the table is the exact light.
+    environment, by the blocks of light that the lobe shows bright (`lamp_blocks`); the balance heuristic [Veach 1997,
+    eq. 9.8] joins them. The samples walk over the pixel as they walk through the lobe. No lookup is filtered: the mean
+    of the table is the exact light. Its halves are independent.
 
     Args:
         surface: [p, k] rays inside each of p pixels, all on the front of the object.

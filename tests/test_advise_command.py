@@ -182,7 +182,7 @@ def test_another_scenes_result_is_refused(scene, refused):
     scene.write_text(scene.read_text().replace("scale = 1.0", "scale = 1.5"))
     told = refused(scene, "--result", result_of(scene))
     expected = f"expected {scene} as it was when it was fitted; fit again, or leave --result out"
-    assert told == f"{result_of(scene)}: inputs: is without scene.toml of scene.toml, {expected}"
+    assert told == f"{result_of(scene)}: inputs: is of other files, {expected}"
 
 
 def test_another_name_of_the_material_is_refused(scene, refused):

@@ -114,7 +114,8 @@ def test_a_mesh_comes_back(tmp_path):
 def test_iron_comes_back(iron, iron_result):
     assert iron_result.status == "converged"
     assert_recovered(iron_result.materials[0], truth_of(iron))
-    assert all(iron_result.materials[0].determined.n)
+    determined = iron_result.materials[0].determined
+    assert all([*determined.f0, *determined.k, determined.alpha])
 
 
 @pytest.mark.parametrize("solver", ["adam", "lbfgs"])
