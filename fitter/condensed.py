@@ -29,11 +29,14 @@ STILL = 1e-3  # standard errors by which that may still move the solution
 def solved(residuals: Residuals, start: Float[Tensor, " x"], solver: Solver) -> Solution:
     """The least squares of the residuals: condensed where the picture allows it, else as they are.
 
-    Outliers are weighed by where the last solution left them, and anew until that moves nothing.
+    Of the minima that the coordinates' further starts lead to, the deepest counts. Outliers are weighed by where the
+    last solution left them, and anew until that moves nothing.
     """
     if residuals.model.mixing(residuals.coordinates.material(start)) is None:
         return solver(residuals, start)
-    solution = solver(condensed(residuals, start), start)
+    short = condensed(residuals, start)
+    tried = [solver(short, each) for each in (start, *residuals.coordinates.elsewhere(start))]
+    solution = replace(min(tried, key=lambda each: each.cost), seconds=sum(each.seconds for each in tried))
     for _ in range(REWEIGHTED):
         before = solution
         condensate = condensed(residuals, before.x)

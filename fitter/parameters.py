@@ -16,6 +16,7 @@ from shaders.materials import Glossy, Material, Matte, Metal
 
 _REACH = 30.0  # 1 - tanh² = 1e-25: float64 holds two more digits
 TINT_WIDTH = 1.5  # of artanh(log n / log m); the catalogue's metals lie within ±1
+TINTS = (-1.0, -0.5, 0.0, 0.5)  # where metals lie, half the prior's width apart
 _MOST_REFLECTIVE = 9.2  # F0 = 0.9999, which no metal exceeds; n and k stay below 1e5 where a fit runs into it
 
 
@@ -68,6 +69,10 @@ class Coordinates(ABC):
     def free(self, material: Material) -> Float[Tensor, " x"]:
         """The free vector of a material; quantities at the ends of their domains are moved a little inside."""
 
+    def elsewhere(self, x: Float[Tensor, " x"]) -> list[Float[Tensor, " x"]]:
+        """Further starts, where the sum of squares may have several minima; none by default."""
+        return []
+
     def prior(self, x: Float[Tensor, " x"]) -> Float[Tensor, " q"]:
         """What is known before any photograph, as residuals of standard deviation 1; none by default."""
         return x[:0]
@@ -118,6 +123,12 @@ class MetalCoordinates(Coordinates):
         roughness = self.roughness.free(self.roughness.inside(material.roughness))[None]
         parts = [torch.logit(material.f0), tint_of(material.n, material.k), roughness]
         return torch.cat(parts if self.tint is None else parts[::2])
+
+    def elsewhere(self, x: Float[Tensor, " x"]) -> list[Float[Tensor, " x"]]:
+        """The same F0 and roughness with other n: curves of equal F0 cross, and the sum may have two valleys."""
+        if self.tint is not None:
+            return []
+        return [torch.cat([x[:3], torch.full_like(x[3:6], tint), x[6:]]) for tint in TINTS]
 
     def prior(self, x: Float[Tensor, " x"]) -> Float[Tensor, " q"]:
         """Normal about n = 1 with `TINT_WIDTH`, wider than all metals.

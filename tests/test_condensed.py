@@ -93,3 +93,27 @@ def test_every_start_leads_to_the_same_metal(residuals):
     material = residuals.coordinates.material(best.x)
     assert isinstance(material, Metal)
     torch.testing.assert_close(material.f0, gold(0.25).f0, atol=0.01, rtol=0)
+
+
+def test_the_deepest_of_several_minima_counts(residuals):
+    """A start in which the solver stays where it is put does not keep it from looking elsewhere."""
+    truth = residuals.coordinates.free(gold(0.25))
+    wrong = torch.cat([truth[:3], torch.full((3,), -1.5, dtype=torch.float64), truth[6:]])
+
+    def lazy(residual, start, tolerance=1e-6):
+        if torch.equal(start, wrong):
+            return SOLVERS["lm"](residual, start, 1e9)
+        return SOLVERS["lm"](residual, start, tolerance)
+
+    found, best = solved(residuals, wrong, lazy), solved(residuals, truth, SOLVERS["lm"])
+    torch.testing.assert_close(found.x, best.x, atol=1e-3, rtol=0)
+
+
+def test_other_starts_have_the_same_f0_and_roughness(residuals):
+    truth = residuals.coordinates.free(gold(0.25))
+    others = [residuals.coordinates.material(x) for x in residuals.coordinates.elsewhere(truth)]
+    assert len(others) >= 3
+    for metal in others:
+        torch.testing.assert_close(metal.f0, gold(0.25).f0)
+        assert float(metal.roughness) == pytest.approx(0.25)
+        assert (metal.n - gold(0.25).n).abs().max() > 0.02
