@@ -1,7 +1,7 @@
 """Least squares of thousands of pixels as that of a hundred numbers: integrate once, condense once, solve for nothing.
 
 A metal's picture is linear in its mixing u, the level weights times the Fresnel coefficients; only u depends on the
-material in other ways. With R the triangle of the pixels' own equations A u ≈ y, whitened,
+material in other ways. With R a square root of the Gram matrix of the pixels' own equations A u ≈ y, whitened,
 
     |A u - y|² = |R (u, 1)|²
 
@@ -52,23 +52,23 @@ class Condensed:
     """A short vector with the sum of squares of residuals, as outliers are weighed at one free vector.
 
     Attributes:
-        triangle: R.
+        root: R, of the Gram matrix.
         origin: mixing at that free vector, flat; written as differences to it, the equations keep their digits.
         residuals: what was condensed.
     """
 
-    triangle: Float[Tensor, "u+1 u+1"]
+    root: Float[Tensor, "u+1 u+1"]
     origin: Float[Tensor, " u"]
     residuals: Residuals
 
     def __call__(self, x: Float[Tensor, " x"]) -> Float[Tensor, " r"]:
         """R (u - u₀, 1) and the prior."""
         way = torch.cat([_mixing(self.residuals, x) - self.origin, self.origin.new_ones(1)])
-        return torch.cat([self.triangle @ way, self.residuals.prior(x)])
+        return torch.cat([self.root @ way, self.residuals.prior(x)])
 
     def jacobian(self, x: Float[Tensor, " x"]) -> Float[Tensor, "r x"]:
         """Its derivative; backwards, which for so few numbers is sooner done than forwards."""
-        pixels = self.triangle[:, :-1] @ torch.func.jacrev(lambda x: _mixing(self.residuals, x))(x)
+        pixels = self.root[:, :-1] @ torch.func.jacrev(lambda x: _mixing(self.residuals, x))(x)
         return torch.cat([pixels, torch.func.jacrev(self.residuals.prior)(x)])
 
 
@@ -94,8 +94,8 @@ def condensed(residuals: Residuals, around: Float[Tensor, " x"]) -> Condensed:
 
     grams = list(map_in_threads(gram, range(0, len(left), CHUNK)))
     values, vectors = torch.linalg.eigh(torch.stack(grams).sum(0))
-    triangle = values.clamp_min(0).sqrt()[:, None] * vectors.T
-    return Condensed(triangle, _mixing(residuals, around).detach(), residuals)
+    root = values.clamp_min(0).sqrt()[:, None] * vectors.T
+    return Condensed(root, _mixing(residuals, around).detach(), residuals)
 
 
 def _mixing(residuals: Residuals, x: Float[Tensor, " x"]) -> Float[Tensor, " u"]:

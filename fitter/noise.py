@@ -15,14 +15,15 @@ from torch import Tensor
 from renderer.gbuffer import GBuffer
 
 MAD_TO_SIGMA = 1.4826  # of a normal distribution: 1/Φ⁻¹(¾)
+DARKEST = 0.05  # of the median radiance, below which noise is no longer taken to be relative
 NEIGHBOURS = 32  # their 3 × 3 covariance costs a tenth of what is to be known, and they still lie within one lamp
 APART = 3.0  # of view directions against normals, as distances: pixels of one photograph are neighbours first
 OUTLIER = 10.0  # median distances beyond which a neighbour counts no more for being still further off
 
 
-def relative_weight(radiance: Float[Tensor, "p 3"], share: float = 0.05) -> Float[Tensor, "p 3"]:
-    """One over the radiance, but no more than 1/`share` over its median: dark pixels hold offsets, not material."""
-    return 1 / _level(radiance, share)
+def relative_weight(radiance: Float[Tensor, "p 3"]) -> Float[Tensor, "p 3"]:
+    """One over the radiance, but no more than 1/`DARKEST` over its median: dark pixels hold offsets, not material."""
+    return 1 / _level(radiance)
 
 
 def scatter(r: Float[Tensor, "*p"]) -> float:
@@ -52,7 +53,7 @@ def local_whitening(
         neighbours: their indices; see `neighbours_of`.
         least: relative standard deviation below which no noise is believed.
     """
-    level = _level(picture, 0.05)
+    level = _level(picture)
     of_neighbours = _without_outliers((difference / level)[neighbours])
     covariance = torch.einsum("pqi,pqj->pij", of_neighbours, of_neighbours) / of_neighbours.shape[1]
     covariance = covariance + least**2 * torch.eye(3, dtype=covariance.dtype)
@@ -78,9 +79,9 @@ def neighbours_of(surface: GBuffer, count: int = NEIGHBOURS) -> Int[Tensor, "p q
     return torch.from_numpy(np.asarray(nearest)[:, 1:])
 
 
-def _level(radiance: Float[Tensor, "p 3"], share: float) -> Float[Tensor, "p 3"]:
-    """The radiance, no less than a share of its median."""
-    floor = share * radiance.median(0).values
+def _level(radiance: Float[Tensor, "p 3"]) -> Float[Tensor, "p 3"]:
+    """The radiance, no less than `DARKEST` of its median."""
+    floor = DARKEST * radiance.median(0).values
     return torch.maximum(radiance, floor.clamp_min(torch.finfo(radiance.dtype).tiny))
 
 

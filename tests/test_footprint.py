@@ -1,0 +1,77 @@
+"""Rays between the traced ones, against rays that are traced."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import torch
+import trimesh
+
+from renderer import gbuffer
+from renderer.camera import Camera, look_at
+from renderer.footprint import FEW, STRATA, filled, is_smooth, places, rays_of
+from renderer.mesh import Mesh, Sphere
+
+POSE = look_at(*(torch.tensor(v, dtype=torch.float64) for v in ((1.0, 0.5, 4.0), (0.0, 0.0, 0.0), (0.0, 1.0, 0.0))))
+CAMERA = Camera(POSE, 48, 48)
+
+
+def covered(trace: gbuffer.Tracer, side: int) -> tuple[torch.Tensor, torch.Tensor, gbuffer.GBuffer]:
+    """Columns, rows and footprints of the pixels that are wholly covered."""
+    row, column = gbuffer.pixel_centres(trace, CAMERA).front.nonzero().T
+    surface = gbuffer.pixel_footprints(trace, CAMERA, column, row, side)
+    whole = surface.front.all(1)
+    return column[whole], row[whole], surface[whole]
+
+
+def test_interpolated_rays_are_those_that_tracing_finds():
+    """On a sphere whose pixels are 0.02 to 0.1 of its radius; a share of 0.02 in the cubic leaves some thousandths."""
+    trace = gbuffer.tracer(Sphere())
+    column, row, surface = covered(trace, 4)
+    smooth = is_smooth(surface.normal.reshape(-1, 4, 4, 3))
+    assert smooth.double().mean() > 0.9
+    column, row, surface = column[smooth], row[smooth], surface[smooth]
+    place = places(surface, 3).double()
+    found = filled(surface, place)
+    x, y = column[:, None] + place[..., 1], row[:, None] + place[..., 0]
+    traced = trace(*CAMERA.rays(x.flatten(), y.flatten())).reshape(*x.shape)
+    off = (found.normal - traced.normal).norm(dim=-1)[traced.hit]
+    assert off.median() < 1e-5
+    assert off.max() < 0.02
+    torch.testing.assert_close(found.view, traced.view, atol=1e-6, rtol=0)
+    torch.testing.assert_close(found.normal.norm(dim=-1), torch.ones(found.normal.shape[:2]).double())
+
+
+def test_where_an_edge_crosses_rays_are_traced_ones():
+    """A cube without vertex normals: every ray has the normal of a side that the pixel was seen to have."""
+    box = trimesh.creation.box()
+    mesh = Mesh(np.asarray(box.vertices), np.asarray(box.faces), None, None, np.zeros(len(box.faces), dtype=np.int64))
+    _, _, surface = covered(gbuffer.tracer(mesh), 4)
+    edged = ~is_smooth(surface.normal.reshape(-1, 4, 4, 3))
+    several = (surface.normal - surface.normal[:, :1]).norm(dim=-1).amax(1) > 0.1
+    assert 10 < several.sum() < len(several) / 2
+    assert torch.equal(edged, several)
+    found = filled(surface, places(surface, 1))
+    apart = (found.normal[:, :, None] - surface.normal[:, None]).norm(dim=-1)
+    assert apart.amin(2).max() < 1e-12
+
+
+@pytest.mark.parametrize("side", [1, 2, 3, 5])
+def test_few_rays_stay_as_they_are_and_many_become_two_even_sets(side):
+    _, _, surface = covered(gbuffer.tracer(Sphere()), side)
+    found = filled(surface, places(surface, 1))
+    assert found.normal.shape[1] == rays_of(surface)
+    assert (found.normal is surface.normal) == (side**2 < FEW)
+
+
+def test_places_are_strata_of_the_pixel_and_every_pixels_own():
+    _, _, surface = covered(gbuffer.tracer(Sphere()), 4)
+    found = places(surface, 5)
+    assert ((found > 0) & (found < 1)).all()
+    cell = (found * STRATA).long()
+    number = cell[..., 0] * STRATA + cell[..., 1]
+    for half in number.split(STRATA**2, 1):
+        assert (half.sort(1).values == torch.arange(STRATA**2)).all()
+    assert torch.equal(found, places(surface, 5))
+    assert not torch.equal(found, places(surface, 6))
+    assert (found[1:] != found[:1]).any(-1).all()

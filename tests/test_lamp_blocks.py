@@ -1,0 +1,98 @@
+"""Blocks of light: what they hold, how they are asked, and what that gains."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import torch
+
+from renderer import lamp_blocks, lamps, latlong, transport
+from renderer.environment import Environment
+from renderer.footprint import Rays
+from renderer.fused_table import fused_available, packed_frames
+from renderer.lobe_sampling import LightSampler, asked_blocks, frames
+from tests.test_lamps import cells, night, shares
+from tests.test_transport import facing, shaded, white
+
+LIGHT = night(32)
+
+
+def test_blocks_hold_all_light_and_each_its_own():
+    """Sums over texels by plain loops; a block's place is that of its rows and columns."""
+    blocks = lamps.build(LIGHT).blocks
+    expected = np.zeros(lamp_blocks.ROWS * lamp_blocks.COLUMNS)
+    for (row, column), share in np.ndenumerate(shares(LIGHT)):
+        expected[row * lamp_blocks.ROWS // 32 * lamp_blocks.COLUMNS + column * lamp_blocks.COLUMNS // 64] += share
+    np.testing.assert_allclose(blocks.share.numpy(), expected, rtol=1e-5)
+    np.testing.assert_allclose(blocks.first.numpy(), np.cumsum(expected) - expected, atol=1e-6)
+
+
+def test_a_block_is_where_its_directions_are():
+    """Directions drawn by the light of one block: all in its texels, and about its middle."""
+    sampler = lamps.build(LIGHT)
+    blocks, generator = sampler.blocks, torch.Generator().manual_seed(2)
+    for number in (5, 137, 300, 508):
+        u = blocks.first[number] + blocks.share[number] * torch.rand(400, generator=generator).double()
+        x, y, z, _ = lamps.sample(sampler, u, *torch.rand(2, 400, generator=generator))
+        cell = cells(LIGHT, *(axis.double().numpy() for axis in (x, y, z)))
+        inside = blocks.at(torch.from_numpy(cell // 64), torch.from_numpy(cell % 64)) == number
+        assert inside.double().mean() > 0.98  # float32 rounds some at a border into the neighbour
+        middle = torch.nn.functional.normalize(torch.stack([x, y, z]).mean(1), dim=0)
+        assert torch.rad2deg((middle @ blocks.towards[number]).clamp(-1, 1).acos()) < 1.5
+
+
+def rays(n_dot_v: list[float]) -> Rays:
+    surface = facing(n_dot_v)
+    return Rays(surface.normal, surface.view)
+
+
+@pytest.mark.parametrize("alpha", [0.005, 0.1, 0.7])
+def test_chances_are_chances_and_leave_no_light_out(alpha):
+    sampler, middle = LightSampler.of(LIGHT), frames(rays([1.0, 0.5, 0.05]), torch.tensor([0]))
+    found = asked_blocks(sampler, middle, alpha)
+    torch.testing.assert_close(found.sum(1), torch.ones(3))
+    lit = sampler.lamps.blocks.share > 0
+    assert (found[:, lit] >= 0.999 * lamp_blocks.EVEN * sampler.lamps.blocks.share[lit]).all()
+
+
+@pytest.mark.skipif(not fused_available(), reason="LLVM's library is absent")
+@pytest.mark.parametrize("alpha", [0.02, 0.3])
+def test_the_kernel_asks_as_torch_does(alpha):
+    """Fixed point of 2³², its last block taking 2·10⁻⁵ that the rounding of float32 sums leaves over."""
+    from renderer.fused_blocks import Asked, FusedBlocks
+
+    seen, sampler = rays([0.9, 0.4, 0.1]), LightSampler.of(LIGHT)
+    expected = asked_blocks(sampler, frames(seen, torch.tensor([0])), alpha)
+    asked = Asked.by(FusedBlocks.of(sampler.lamps.blocks), packed_frames(seen)[:, 0], alpha)
+    ends = asked.ends.numpy().reshape(3, -1).astype(np.float64) / 2**32
+    np.testing.assert_allclose(np.diff(ends, prepend=0, axis=1), expected.numpy(), rtol=1e-3, atol=3e-5)
+
+
+def test_a_dim_lamp_beside_a_bright_one_is_found(monkeypatch):
+    """A lamp of a thousandth of the light in the mirrored direction, the rest below the horizon: how much 300 pixels
+    """Fixed point of 2³²; its last block takes the 2·10⁻⁵ that rounding of float32 sums leaves over."""
+    surface = facing([0.7] * 300)
+    mirrored = (2 * surface.n_dot_v[0, 0] * surface.normal[0, 0] - surface.view[0, 0]).numpy()
+    radiance = torch.full((64, 128, 3), 1e-4)
+    cell = cells(Environment(radiance), *mirrored)
+    radiance.view(-1, 3)[int(cell)] = 10.0
+    dim, low = (latlong.row_solid_angle(64, 128)[row] for row in (int(cell) // 128, 60))
+    radiance[60, 100] = 1e4 * dim / low
+
+    def scattered() -> float:
+        table = transport.microfacet_table(
+            surface,
+            Environment(radiance),
+            (0.2, 0.2, 1),
+            distribution="ggx",
+            degree=4,
+            samples=256,
+            seed=1,
+            fused=False,
+        )
+        picture = shaded(table, 0.2, white)[:, 0]
+        return float(picture.std() / picture.mean())
+
+    by_blocks = scattered()
+    monkeypatch.setattr(lamp_blocks, "EVEN", 1.0)
+    assert by_blocks < scattered() / 3
