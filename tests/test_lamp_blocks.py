@@ -69,8 +69,11 @@ def test_the_kernel_asks_as_torch_does(alpha):
 
 
 def test_a_dim_lamp_beside_a_bright_one_is_found(monkeypatch):
-    """A lamp of a thousandth of the light in the mirrored direction, the rest below the horizon: how much 300 pixels
-    """Fixed point of 2³²; its last block takes the 2·10⁻⁵ that rounding of float32 sums leaves over."""
+    """A lamp of a thousandth of the light in the mirrored direction, the rest below the horizon.
+
+    How much 300 pixels that see the same differ, with blocks and by the light alone, of whose 128 directions every
+    eighth pixel gets one.
+    """
     surface = facing([0.7] * 300)
     mirrored = (2 * surface.n_dot_v[0, 0] * surface.normal[0, 0] - surface.view[0, 0]).numpy()
     radiance = torch.full((64, 128, 3), 1e-4)
