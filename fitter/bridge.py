@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable
 
 import jax
@@ -12,10 +13,9 @@ import torch
 from jax import Array
 from torch import Tensor
 
-jax.config.update("jax_enable_x64", True)  # least squares squares the condition number; float32 loses it
+from fitter.derivative import jacobian
 
-# Torch loads its compiler at the first forward derivative, two seconds' work: now, and not in a solver's first step.
-torch.func.jacfwd(lambda x: 1 - 0.5 * x)(torch.ones(1))
+jax.config.update("jax_enable_x64", True)  # least squares squares the condition number; float32 loses it
 
 
 class Bridge:
@@ -25,7 +25,7 @@ class Bridge:
 
     Attributes:
         function: from a float64 vector to a float64 vector of length `size`, pure.
-        jacobian: of that vector, float64; torch's forward derivatives of `function` unless something else is put here
+        jacobian: of that vector, float64; `derivative.jacobian` of `function` unless something else is put here
             after it.
         size: length of the result.
         raised: what `function` raised, Ctrl-C included, since it was put here. JAX would print a traceback of its own
@@ -43,7 +43,7 @@ class Bridge:
     @function.setter
     def function(self, function: Callable[[Tensor], Tensor]) -> None:
         self._function = function
-        self.jacobian: Callable[[Tensor], Tensor] = torch.func.jacfwd(function)
+        self.jacobian: Callable[[Tensor], Tensor] = functools.partial(jacobian, function)
         self.raised: BaseException | None = None
         self._last: tuple[Tensor, Tensor] | None = None  # a point, and the Jacobian there
 

@@ -16,12 +16,14 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
+from fitter.derivative import jacobian
 from fitter.pixel_model import ExactPixels
 from fitter.residuals import Residuals
 from fitter.solve import Solution, Solver
 from renderer.threads import map_in_threads
 
 CHUNK = 1024  # pixels at a time, which bounds the memory for their equations
+NEAR = 1e-3  # tolerance that tells the deepest of several minima, whose costs differ by more
 REWEIGHTED = 5  # times at most that outliers are weighed anew
 STILL = 1e-3  # standard errors by which that may still move the solution
 
@@ -35,7 +37,7 @@ def solved(residuals: Residuals, start: Float[Tensor, " x"], solver: Solver) -> 
     if residuals.model.mixing(residuals.coordinates.material(start)) is None:
         return solver(residuals, start)
     short = condensed(residuals, start)
-    tried = [solver(short, each) for each in (start, *residuals.coordinates.elsewhere(start))]
+    tried = [solver(short, each, NEAR) for each in (start, *residuals.coordinates.elsewhere(start))]
     solution = replace(min(tried, key=lambda each: each.cost), seconds=sum(each.seconds for each in tried))
     for _ in range(REWEIGHTED):
         before = solution
@@ -67,9 +69,10 @@ class Condensed:
         return torch.cat([self.root @ way, self.residuals.prior(x)])
 
     def jacobian(self, x: Float[Tensor, " x"]) -> Float[Tensor, "r x"]:
-        """Its derivative; backwards, which for so few numbers is sooner done than forwards."""
-        pixels = self.root[:, :-1] @ torch.func.jacrev(lambda x: _mixing(self.residuals, x))(x)
-        return torch.cat([pixels, torch.func.jacrev(self.residuals.prior)(x)])
+        """Its derivative."""
+        found = jacobian(lambda x: torch.cat([_mixing(self.residuals, x), self.residuals.prior(x)]), x)
+        mixing, prior = found[: len(self.origin)], found[len(self.origin) :]
+        return torch.cat([self.root[:, :-1] @ mixing, prior])
 
 
 def condensed(residuals: Residuals, around: Float[Tensor, " x"]) -> Condensed:

@@ -9,6 +9,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
+from fitter.derivative import jacobian
 from fitter.noise import NEIGHBOURS, relative_weight
 from fitter.parameters import Coordinates
 from fitter.result import MaterialType
@@ -60,7 +61,7 @@ def told_by(
     """
     sizes = [len(view.pixels) for view in views]
     weights = torch.cat([relative_weight(picture) if len(picture) else picture for picture in radiance(x).split(sizes)])
-    gradients = torch.func.jacfwd(radiance)(x) * (weights / noise[:, None])[..., None]
+    gradients = jacobian(radiance, x) * (weights / noise[:, None])[..., None]
     per_pixel = [_per_pixel(view, part) for view, part in zip(views, gradients.split(sizes), strict=True)]
     return Told(torch.stack(per_pixel), torch.stack([view.available for view in views]))
 
@@ -112,7 +113,7 @@ def covariance(
     information: Float[Tensor, "*v x x"], coordinates: Coordinates, x: Float[Tensor, " x"]
 ) -> Float[Tensor, "*v x x"]:
     """Inverse of the information, with what is known before: the coordinates' prior, and `VAGUE` of every number."""
-    prior = torch.func.jacfwd(coordinates.prior)(x)
+    prior = jacobian(coordinates.prior, x)
     whole = information + prior.T @ prior + torch.eye(len(x), dtype=x.dtype) / VAGUE**2
     scale = whole.diagonal(dim1=-2, dim2=-1).rsqrt()  # numbers of unlike size: the inverse keeps its digits
     scaled = scale[..., :, None] * whole * scale[..., None, :]

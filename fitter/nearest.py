@@ -9,6 +9,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from fitter.catalogue import Metal, read_catalogue
+from fitter.derivative import jacobian
 from fitter.parameters import MetalCoordinates
 from fitter.result import Nearest
 from fitter.uncertainty import Function, Spread
@@ -56,5 +57,5 @@ def nearest_metals(
 def covariance_of(quantity: Function, x: Float[Tensor, " x"], spread: Spread) -> Float[Tensor, "q q"]:
     """Covariance of `quantity(x)` to first order; free numbers that nothing determines count as `UNSEEN`."""
     sigma = spread.covariance.diagonal().clamp_min(torch.finfo(x.dtype).tiny).sqrt()
-    gradient = torch.func.jacfwd(quantity)(x) * (UNSEEN / sigma).clamp_max(1)
+    gradient = jacobian(quantity, x) * (UNSEEN / sigma).clamp_max(1)
     return gradient @ spread.covariance @ gradient.T

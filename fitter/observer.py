@@ -9,6 +9,7 @@ import torch
 from jaxtyping import Bool, Float
 from torch import Tensor
 
+from fitter.derivative import jacobian
 from fitter.earlier_result import material_of
 from fitter.fidelity import MICROFACET_RANGE, PRESETS
 from fitter.information import covariance, foreseen_noise, told_by
@@ -159,7 +160,7 @@ def _ratios(
     covariances = [covariance(information, coordinates, x) for information in (before, after)]
     ratios = {}
     for key, of_material in QUANTITIES[coordinates.material(x).type].items():
-        gradient = torch.func.jacfwd(lambda x, of=of_material: of(coordinates.material(x)))(x)
+        gradient = jacobian(lambda x, of=of_material: of(coordinates.material(x)), x)
         error, smaller = ((gradient @ each * gradient).sum(-1).sqrt().clamp_min(TINY) for each in covariances)
         ratios["alpha" if key == "roughness" else key] = smaller / error
     return ratios

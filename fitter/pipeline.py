@@ -27,7 +27,7 @@ from fitter.result import FittedMaterial, Model, Result, Time, write_result
 from fitter.search import Problem
 from fitter.selection import Observations, choose_pixels
 from fitter.setting import Setting
-from fitter.solve import SOLVERS
+from fitter.solve import SOLVERS, compiling
 from fitter.summary import describe, fitted_material, status_of
 from fitter.uncertainty import Spread, spread
 from fitter.verdicts import seen_by
@@ -122,6 +122,8 @@ def fit_scene(
     progress("reading", 0)
     loaded = load(scene_file)
     read = time.perf_counter()
+    if options.solver == "lm":
+        compiling()
     with one_thread_per_operation(), replaced_together(out) as folder:
         progress("choosing pixels", 0)
         trace = gbuffer.tracer(loaded.shape)

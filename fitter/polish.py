@@ -19,6 +19,7 @@ from dataclasses import dataclass, replace
 import torch
 from jaxtyping import Float
 from torch import Tensor
+from torch.autograd.functional import jvp
 
 from fitter.condensed import solved
 from fitter.fidelity import Fidelity
@@ -70,8 +71,9 @@ class Tangent:
     @staticmethod
     def of(added: Radiance, metal: Metal) -> Tangent:
         """From the derivatives by n and k: (∂/∂F0, ∂/∂t) = (∂/∂n, ∂/∂k) J⁻¹, J of (F0, t) by (n, k) per channel."""
-        by_n = torch.func.jvp(_coordinates, (metal.n, metal.k), (torch.ones(3).to(metal.n), torch.zeros(3).to(metal.k)))
-        by_k = torch.func.jvp(_coordinates, (metal.n, metal.k), (torch.zeros(3).to(metal.n), torch.ones(3).to(metal.k)))
+        at, one = (metal.n, metal.k), torch.ones_like(metal.n)
+        by_n = jvp(_coordinates, at, (one, 0 * one))
+        by_k = jvp(_coordinates, at, (0 * one, one))
         (f0_n, t_n), (f0_k, t_k) = by_n[1], by_k[1]
         determinant = f0_n * t_k - f0_k * t_n
         by_f0 = (added.by_n * t_k - added.by_k * t_n) / determinant

@@ -18,10 +18,10 @@ from typing import TYPE_CHECKING, NamedTuple
 import torch
 from jaxtyping import Bool, Float, Int
 from torch import Tensor
-from torch.func import jacrev, vmap
 
+from fitter.derivative import jacobian, jacobians
 from fitter.uncertainty import TWO_SIDED_95, Function, Spread, intervals95, standard_errors
-from fitter.valley import Valley, dispersion_of, value_and_aux
+from fitter.valley import Valley, dispersion_of
 
 if TYPE_CHECKING:
     from fitter.search import Fit
@@ -50,7 +50,7 @@ def profiled(residual: Function, x: Float[Tensor, " x"], spread: Spread, quantit
     """Ends of the 95 % interval of each of `quantity(x)`: the ellipsoid's where it holds, else the profile's.
 
     Args:
-        residual: least squares, cheap, and such that `torch.func.vmap` takes it.
+        residual: least squares, cheap, and such that `torch.vmap` takes it.
         x: the free vector reported, near the residuals' minimum.
         spread: its covariance.
         quantity: a smooth function of the free vector.
@@ -60,7 +60,7 @@ def profiled(residual: Function, x: Float[Tensor, " x"], spread: Spread, quantit
     """
     ellipse = torch.stack(intervals95(quantity, x, spread))
     turns, along, way = _turning(quantity, x, spread)
-    slope = torch.where(turns[:, None], torch.eye(len(x), dtype=x.dtype)[along], jacrev(quantity)(x))
+    slope = torch.where(turns[:, None], torch.eye(len(x), dtype=x.dtype)[along], jacobian(quantity, x))
     valley = Valley.around(residual, quantity, x, dispersion_of(residual, x, slope, spread))
     ends = _Ends.of((valley.dispersion < UNRELATED) & ellipse.isfinite().all(0))
     ends = ends.only(turns[ends.index] | ~_ellipse_holds(valley, ends))
@@ -122,7 +122,7 @@ class _State:
 
     @staticmethod
     def at(valley: Valley, ends: _Ends, x: Float[Tensor, "e x"]) -> _State:
-        slopes, values = vmap(jacrev(value_and_aux(valley.quantity), has_aux=True))(x)
+        values, slopes = jacobians(valley.quantity, x)
         each = torch.arange(len(x))
         distance = ends.side * (values - valley.quantity(valley.x))[each, ends.index]
         slope = ends.side[:, None] * slopes[each, ends.index]
@@ -196,7 +196,7 @@ def _turning(
     sigma = spread.covariance.diagonal().clamp_min(torch.finfo(x.dtype).tiny).sqrt()
     ways = TWO_SIDED_95 * spread.covariance / sigma[:, None]
     ways = ways * (FARTHEST / ways.abs().amax(1)).clamp_max(1)[:, None]
-    back, on = (vmap(quantity)(x + side * ways) for side in (-1, 1))
+    back, on = (torch.vmap(quantity)(x + side * ways) for side in (-1, 1))
     even, odd = ((on + back) / 2 - quantity(x)).abs(), (on - back).abs() / 2
     even = torch.where(even > odd / 2, even, 0.0)  # of a parabola: its peak is between the ends
     along = even.argmax(0)
@@ -210,7 +210,7 @@ def _joined(ellipse: Float[Tensor, "2 q"], best: _State, found: Bool[Tensor, " e
     What was met on the way to one end counts for all others.
     """
     valley, (index, side) = best.valley, best.ends
-    values, value = vmap(valley.quantity)(best.x), valley.quantity(valley.x)
+    values, value = torch.vmap(valley.quantity)(best.x), valley.quantity(valley.x)
     inside = (best.deviance[:, None] <= (1 + CLOSE[0]) * valley.wanted) & values.isfinite()
     low = torch.where(inside, values, torch.inf).amin(0).minimum(value)
     high = torch.where(inside, values, -torch.inf).amax(0).maximum(value)

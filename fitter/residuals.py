@@ -8,6 +8,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
+from fitter.derivative import jacobian
 from fitter.parameters import Coordinates
 from fitter.pixel_model import ExactPixels, PixelModel
 
@@ -49,15 +50,17 @@ class Residuals:
     def slope(self, x: Float[Tensor, " x"]) -> Float[Tensor, "p 3 x"]:
         """Derivative of the model; 0 where it is not finite."""
 
-        def mixing(x: Tensor) -> Tensor | None:
-            return self.model.mixing(self.coordinates.material(x))
+        def mixing(x: Tensor) -> Tensor:
+            found = self.model.mixing(self.coordinates.material(x))
+            assert found is not None
+            return found
 
-        if mixing(x) is None:
-            found = torch.func.jacfwd(self.difference)(x)
+        if self.model.mixing(self.coordinates.material(x)) is None:
+            found = jacobian(self.difference, x)
         else:
             assert isinstance(self.model, ExactPixels)
             assert self.model.light is not None
-            found = torch.einsum("apbc,abcx->pcx", self.model.light, torch.func.jacrev(mixing)(x))
+            found = torch.einsum("apbc,abcx->pcx", self.model.light, jacobian(mixing, x))
         return found.nan_to_num(0.0, 0.0, 0.0)
 
     def robust_whitening(self, x: Float[Tensor, " x"]) -> Float[Tensor, "p 3 3"]:

@@ -6,12 +6,15 @@ import functools
 import math
 import time
 from collections.abc import Callable
+from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Literal, Protocol
 
 import torch
 from jaxtyping import Float
 from torch import Tensor
+
+from fitter import derivative
 
 if TYPE_CHECKING:
     from fitter.bridge import Bridge
@@ -23,7 +26,7 @@ PRECISE, ROUGH = 1e-6, 1e-2  # tolerances: of a result, and of a start for a bet
 UNSEEN = 0.1  # half a squared distance to the minimum, in standard errors of the parameters: 0.3 of one
 ZERO_RESIDUAL = 1e-9  # share of the first cost that counts as none where a perfect fit exists
 RANK_CUT = 1e-12  # singular values below this share of the largest are rounding
-ROWS, COLUMNS = (256, 12288), 8  # problems are padded to the first, or to multiples of the others
+ROWS, COLUMNS = (4608, 12288), 8  # problems are padded to the first, or to multiples of the others
 STILL = 5  # steps in a row below the tolerance end Adam
 MAX_STEPS = {"lm": 64, "adam": 2000, "lbfgs": 200}
 
@@ -62,9 +65,26 @@ class Solver(Protocol):
 
 def levenberg_marquardt(residual: Residual, start: Float[Tensor, " x"], tolerance: float = PRECISE) -> Solution:
     """Optimistix's Levenberg–Marquardt: damped Gauss–Newton by QR of the Jacobian, in float64."""
+    begun = time.perf_counter()
+    compiling().result()
+    return _optimistix(residual, start, tolerance, begun)
+
+
+@functools.cache
+def compiling() -> Future[Solution]:
+    """Levenberg–Marquardt's first run, which loads and compiles it for two seconds, in a thread of its own.
+
+    Whoever knows early that it will be needed begins it; the first solution waits for its end.
+    """
+    pool = ThreadPoolExecutor(1, "compiling")
+    first = pool.submit(_optimistix, lambda x: x, torch.zeros(1, dtype=torch.float64), ROUGH, time.perf_counter())
+    pool.shutdown(wait=False)
+    return first
+
+
+def _optimistix(residual: Residual, start: Float[Tensor, " x"], tolerance: float, begun: float) -> Solution:
     import jax.numpy as jnp
 
-    begun = time.perf_counter()
     unknowns, rows = len(start), _rows(len(residual(start)))
     bridge, run = _compiled(rows)
     columns = _multiple(COLUMNS, unknowns)
@@ -94,8 +114,8 @@ def _padded(rows: Float[Tensor, "*q"], size: int) -> Float[Tensor, "*q"]:
 
 
 def jacobian_of(residual: Residual) -> Residual:
-    """Its own `jacobian` where it has one, else torch's forward derivatives."""
-    return getattr(residual, "jacobian", None) or torch.func.jacfwd(residual)
+    """Its own `jacobian` where it has one, else by `derivative.jacobian`."""
+    return getattr(residual, "jacobian", None) or functools.partial(derivative.jacobian, residual)
 
 
 @functools.cache

@@ -10,6 +10,8 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
+from fitter.derivative import jacobian
+
 if TYPE_CHECKING:
     from fitter.residuals import Residuals
 
@@ -74,7 +76,7 @@ def unbiased(residuals: Residuals, x: Float[Tensor, " x"]) -> Float[Tensor, " x"
     whitening = residuals.robust_whitening(x)
     for _ in range(UNBIASED_STEPS):
         scores, information = _crossed(residuals, whitening, x)
-        of_prior = torch.func.jacfwd(residuals.prior)(x)
+        of_prior = jacobian(residuals.prior, x)
         step = _inverse(information) @ (scores.sum(0) + of_prior.T @ residuals.prior(x))
         length = (step @ information @ step).clamp_min(0).sqrt()
         x = x - step / (length / MOST_BIAS).clamp_min(1)
@@ -100,7 +102,7 @@ def spread(residuals: Residuals, x: Float[Tensor, " x"]) -> Spread:
         x: the solution.
     """
     scores, information = _crossed(residuals, residuals.robust_whitening(x), x)
-    of_prior = torch.func.jacfwd(residuals.prior)(x)
+    of_prior = jacobian(residuals.prior, x)
     freedom = len(scores) / max(1, len(scores) - len(x))
     inverse = _inverse(information)
     scattered = scores.T @ scores * freedom + of_prior.T @ of_prior
@@ -118,7 +120,7 @@ def _crossed(
     first, second = (torch.matmul(whitening, half.slope(x)) for half in residuals.halves)
     of_first, of_second = (torch.einsum("prc,pc->pr", whitening, half.difference(x)) for half in residuals.halves)
     scores = (torch.einsum("prx,pr->px", first, of_second) + torch.einsum("prx,pr->px", second, of_first)) / 2
-    of_prior = torch.func.jacfwd(residuals.prior)(x)
+    of_prior = jacobian(residuals.prior, x)
     prior = of_prior.T @ of_prior
     whole = ((first + second) / 2).flatten(0, 1)
     said = whole.T @ whole + prior
@@ -154,7 +156,7 @@ def _directions(information: Float[Tensor, "x x"]) -> tuple[Float[Tensor, " x"],
 
 def standard_errors(quantity: Function, x: Float[Tensor, " x"], spread: Spread) -> Float[Tensor, " q"]:
     """Standard errors of `quantity(x)` to first order: √diag(G C Gᵀ), G its Jacobian."""
-    gradient = torch.func.jacfwd(quantity)(x)
+    gradient = jacobian(quantity, x)
     return (gradient @ spread.covariance * gradient).sum(-1).clamp_min(0).sqrt()
 
 
@@ -167,7 +169,7 @@ def intervals95(
     with g its gradient: unlike value ± 1.96 errors, such an interval is as lopsided as the quantity itself and never
     leaves its domain.
     """
-    gradient = torch.func.jacfwd(quantity)(x)
+    gradient = jacobian(quantity, x)
     reach = gradient @ spread.covariance
     error = (reach * gradient).sum(-1).clamp_min(torch.finfo(x.dtype).tiny).sqrt()
     way = TWO_SIDED_95 * reach / error[:, None]

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import torch
 from jaxtyping import Float
 from torch import Tensor
-from torch.func import jacrev, vmap
 
+from fitter.derivative import jacobian, jacobians
 from fitter.uncertainty import TWO_SIDED_95, Function, Spread
 
 
@@ -35,8 +34,8 @@ class Valley:
 
     @staticmethod
     def around(residual: Function, quantity: Function, x: Float[Tensor, " x"], dispersion: Tensor) -> Valley:
-        jacobian, r = _jacobian(residual, x), residual(x)
-        removed = jacobian @ torch.linalg.lstsq(jacobian, r[:, None], driver="gelsd").solution[:, 0]
+        slope, r = _slope(residual, x), residual(x)
+        removed = slope @ torch.linalg.lstsq(slope, r[:, None], driver="gelsd").solution[:, 0]
         return Valley(residual, quantity, x, removed, (r - removed).square().sum(), dispersion)
 
     @property
@@ -46,31 +45,20 @@ class Valley:
 
     def deviance(self, x: Float[Tensor, "e x"]) -> tuple[Tensor, Tensor, Tensor]:
         """D, [e]; half its gradient, [e, x]; JᵀJ, [e, x, x]."""
-        # not jacfwd: torch 2's derivative of linalg.solve is wrong under vmap(jacfwd), and right under vmap(jacrev)
-        jacobian, r = vmap(jacrev(value_and_aux(self.residual), has_aux=True))(x)
+        r, slopes = jacobians(self.residual, x)
         r = r - self.removed
-        gradient = torch.einsum("erx,er->ex", jacobian, r)
-        return r.square().sum(-1) - self.least, gradient, torch.einsum("erx,ery->exy", jacobian, jacobian)
+        gradient = torch.einsum("erx,er->ex", slopes, r)
+        return r.square().sum(-1) - self.least, gradient, torch.einsum("erx,ery->exy", slopes, slopes)
 
 
 def dispersion_of(
     residual: Function, x: Float[Tensor, " x"], slope: Float[Tensor, "q x"], spread: Spread
 ) -> Float[Tensor, " q"]:
     """κ of quantities by their slopes: gᵀ C g over gᵀ (JᵀJ)⁻¹ g; infinite or NaN where nothing is known."""
-    taken = torch.linalg.lstsq(_jacobian(residual, x).T, slope.T, driver="gelsd").solution  # J (JᵀJ)⁻¹ g
+    taken = torch.linalg.lstsq(_slope(residual, x).T, slope.T, driver="gelsd").solution  # J (JᵀJ)⁻¹ g
     return (slope @ spread.covariance * slope).sum(-1) / taken.square().sum(0)
 
 
-def _jacobian(residual: Function, x: Float[Tensor, " x"]) -> Float[Tensor, "r x"]:
+def _slope(residual: Function, x: Float[Tensor, " x"]) -> Float[Tensor, "r x"]:
     """J; 0 where it is not finite."""
-    return jacrev(residual)(x).nan_to_num(0.0, 0.0, 0.0)
-
-
-def value_and_aux(function: Function) -> Callable[[Tensor], tuple[Tensor, Tensor]]:
-    """Its value as function and auxiliary, so that `jacrev` gives both derivative and value."""
-
-    def both(x: Tensor) -> tuple[Tensor, Tensor]:
-        value = function(x)
-        return value, value
-
-    return both
+    return jacobian(residual, x).nan_to_num(0.0, 0.0, 0.0)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import math
 
 import torch
@@ -26,12 +27,15 @@ def polynomials(x: Float[Tensor, "..."], count: int) -> Float[Tensor, "count ...
 
 def coefficients(values: Float[Tensor, "count ..."]) -> Float[Tensor, "count ..."]:
     """Coefficients c_j with Σ_j c_j T_j(x) equal to `values` at `nodes(count)`."""
-    count = len(values)
-    basis = polynomials(nodes(count), count).T.to(values)
-    return torch.linalg.solve(basis, values.reshape(count, -1)).reshape(values.shape)
+    return torch.tensordot(_analysis(len(values)).to(values), values, dims=1)
 
 
 def weights(x: Float[Tensor, ""], count: int) -> Float[Tensor, " count"]:
     """Weights w with f(x) ≈ Σ_j w_j f(node_j); differentiable with respect to x."""
-    basis = polynomials(nodes(count), count).to(x)
-    return torch.linalg.solve(basis, polynomials(x, count))
+    return _analysis(count).T.to(x) @ polynomials(x, count)
+
+
+@functools.cache
+def _analysis(count: int) -> Float[Tensor, "count count"]:
+    """The matrix from values at `nodes(count)` to coefficients, float64."""
+    return torch.linalg.inv(polynomials(nodes(count), count).T)

@@ -9,6 +9,7 @@ import torch
 from jaxtyping import Bool, Float
 from torch import Tensor
 
+from renderer import chebyshev
 from renderer.gbuffer import GBuffer, equal_weight_nodes
 
 FEW = 9  # traced rays, from which no others can be told
@@ -51,7 +52,7 @@ def filled(surface: GBuffer, place: Float[Tensor, "p r 2"]) -> Rays:
 
     A lamp that a narrow lobe mirrors near the silhouette sweeps over all of a pixel: a few fixed rays may miss it, in
     every pixel alike. Where the surface is smooth, normals and views between the traced rays follow from these by
-    Lagrange's polynomials; where an edge crosses the pixel, rays are those traced next to them.
+    the polynomial through them; where an edge crosses the pixel, rays are those traced next to them.
 
     Args:
         surface: [p, side²] of `gbuffer.pixel_footprints`.
@@ -65,31 +66,32 @@ def filled(surface: GBuffer, place: Float[Tensor, "p r 2"]) -> Rays:
     if count < FEW:
         return Rays(surface.normal, surface.view)
     nodes = torch.tensor(equal_weight_nodes(side), dtype=torch.float64)
-    place = place.double()
-    smooth = is_smooth(surface.normal.reshape(pixels, side, side, 3))[:, None, None, None]
-    weights = torch.where(smooth, _lagrange(nodes, place), _nearest(nodes, place))  # [p, r, row or column, side]
-    both = torch.cat([surface.normal, surface.view], -1).reshape(pixels, side, -1)
-    along_rows = torch.bmm(weights[:, :, 0], both).reshape(pixels, -1, side, 6)
-    found = torch.einsum("prs,prsc->prc", weights[:, :, 1], along_rows)
-    normal, view = (torch.nn.functional.normalize(part, dim=-1) for part in found.split(3, -1))
+    traced = torch.cat([surface.normal, surface.view], -1).reshape(pixels, side, side, 6)
+    found = _interpolated(nodes, traced, place)
+    rough = ~is_smooth(traced[..., :3])
+    found[rough] = _nearest(nodes, traced[rough], place[rough])
+    normal, view = (torch.nn.functional.normalize(part.double(), dim=-1) for part in found.split(3, -1))
     return Rays(normal, view)
 
 
-def _lagrange(nodes: Float[Tensor, " s"], place: Float[Tensor, "p r 2"]) -> Float[Tensor, "p r 2 s"]:
-    """Values of Lagrange's polynomials at the places."""
-    apart = place[..., None] - nodes
-    between = nodes[:, None] - nodes
-    products = [
-        torch.stack([apart[..., j] / between[i, j] for j in range(len(nodes)) if j != i]).prod(0)
-        for i in range(len(nodes))
-    ]
-    return torch.stack(products, -1)
+def _interpolated(
+    nodes: Float[Tensor, " s"], traced: Float[Tensor, "p s s c"], place: Float[Tensor, "p r 2"]
+) -> Float[Tensor, "p r c"]:
+    """The polynomial through what was traced, at the places; float32, whose 1e-7 radian no lobe resolves."""
+    side = len(nodes)
+    analysis = torch.linalg.inv(chebyshev.polynomials(2 * nodes - 1, side).T)
+    coefficients = torch.einsum("is,jt,pstc->pijc", analysis, analysis, traced).float()
+    rows, columns = chebyshev.polynomials(2 * place.float() - 1, side).permute(3, 1, 2, 0)  # each [p, r, s]
+    along_rows = torch.bmm(rows, coefficients.flatten(2)).unflatten(2, (side, -1))
+    return (columns[..., None] * along_rows).sum(2)
 
 
-def _nearest(nodes: Float[Tensor, " s"], place: Float[Tensor, "p r 2"]) -> Float[Tensor, "p r 2 s"]:
-    """1 for the node next to each place."""
-    nearest = (place[..., None] - nodes).abs().argmin(-1)
-    return torch.nn.functional.one_hot(nearest, len(nodes)).to(place)
+def _nearest(
+    nodes: Float[Tensor, " s"], traced: Float[Tensor, "p s s c"], place: Float[Tensor, "p r 2"]
+) -> Float[Tensor, "p r c"]:
+    """What was traced next to each place; float32."""
+    row, column = (place.double()[..., None] - nodes).abs().argmin(-1).unbind(-1)
+    return traced[torch.arange(len(traced))[:, None], row, column].float()
 
 
 def is_smooth(normal: Float[Tensor, "p s s 3"]) -> Bool[Tensor, " p"]:

@@ -18,7 +18,8 @@ from renderer.environment import Environment
 from renderer.footprint import Rays, filled, places, rays_of
 from renderer.gbuffer import GBuffer
 from renderer.lamps import along_z_order
-from renderer.lobe_sampling import frames
+from renderer.lobe_sampling import frames as frames_of
+from renderer.threads import one_ahead
 from shaders import lobe
 
 Progress = Callable[[float], None]
@@ -72,19 +73,22 @@ def integrate_fused(
     place = places(surface, seed)
     step = max(_PIXELS, min(_SAMPLES // (samples * levels), _RAYS // rays))
     table = torch.empty(2, levels, pixels, degree, 3)
-    for start in range(0, pixels, step):
-        chosen = order[start : start + step]
-        part = packed_frames(filled(surface[chosen], place[chosen]))
-        made = [moments(light, part, chosen, batch, distribution, degree, samples, seed) for batch in _batches(groups)]
+    parts = order.split(step)
+
+    def prepared(chosen: Tensor) -> Float[Tensor, "p k 8"]:
+        return packed_frames(filled(surface[chosen], place[chosen]))
+
+    for done, (chosen, frames) in enumerate(zip(parts, one_ahead(prepared, parts), strict=True), 1):
+        made = [moments(light, frames, chosen, each, distribution, degree, samples, seed) for each in _batches(groups)]
         table[:, :, chosen] = torch.cat(made, 1)
-        progress(min(1.0, (start + step) / pixels))
+        progress(done / len(parts))
     return table
 
 
 def packed_frames(surface: Rays) -> Float[Tensor, "p k 8"]:
     """Of each ray its tangent, sin_v, normal, cos_v: twice the four numbers that a kernel fetches at once."""
     rays = torch.arange(surface.normal.shape[1])
-    frame = frames(surface, rays)
+    frame = frames_of(surface, rays)
     tangent, _, normal = frame.axes
     return torch.stack([*tangent, frame.sin_v, *normal, frame.cos_v], -1)
 

@@ -35,6 +35,18 @@ def map_in_threads(work: Callable[[Item], Made], items: Iterable[Item]) -> Itera
         yield from pool.map(work, items)
 
 
+def one_ahead(work: Callable[[Item], Made], items: Iterable[Item]) -> Iterator[Made]:
+    """`map`, the next piece being made in a thread while the caller is busy with the last; no more than two exist."""
+    with ThreadPoolExecutor(1) as pool:
+        pending = None
+        for item in items:
+            made, pending = pending, pool.submit(work, item)
+            if made is not None:
+                yield made.result()
+        if pending is not None:
+            yield pending.result()
+
+
 def _cores() -> int:
     """Cores that this process may use; only Linux tells them from those of the machine."""
     if hasattr(os, "sched_getaffinity"):
