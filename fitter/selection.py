@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import torch
@@ -13,12 +13,13 @@ from torch import Tensor
 from fitter.photographs import Photograph
 from renderer import gbuffer
 from renderer.errors import InputError
-from renderer.footprint import is_smooth
+from renderer.footprint import FEW, is_smooth
 from renderer.gbuffer import GBuffer, Tracer
 from renderer.visibility import hidden_share, sees_itself
 
 ANGLE_BINS = 16
 FEWEST = 8  # one in so many of a photograph's pixels is taken, even if it mirrors the object
+EDGED = 7  # rays along a pixel's side at least where most pixels have an edge inside: a fiftieth of its area each
 CANDIDATES = 4  # per pixel that is wanted, so that the rare grazing ones are among them
 
 
@@ -30,14 +31,16 @@ class Observations:
         surface: [p, k] rays inside each pixel.
         radiance: what the photographs show there, float64.
         self_seeing: share of the candidates that mirror the object itself.
+        edged: whether most pixels have an edge inside, as facets' are.
     """
 
     surface: GBuffer
     radiance: Float[Tensor, "p 3"]
     self_seeing: float
+    edged: bool
 
     def __getitem__(self, index: slice) -> Observations:
-        return Observations(self.surface[index], self.radiance[index], self.self_seeing)
+        return replace(self, surface=self.surface[index], radiance=self.radiance[index])
 
 
 def choose_pixels(
@@ -61,7 +64,8 @@ def choose_pixels(
         trace: of the object.
         scene_file: for the error's sentence.
         count: pixels wanted of each material, over all photographs.
-        footprint: rays along each side of a pixel.
+        footprint: rays along each side of a pixel; `EDGED` where most pixels of an object have an edge inside and not
+            just few rays are wanted.
         seed: of the choice among many.
         materials: how many the object has.
 
@@ -71,6 +75,23 @@ def choose_pixels(
     Raises:
         InputError: a camera sees nothing of the object where its mask is, or sees it from inside.
     """
+    found = _of_all(photographs, trace, scene_file, count, footprint, seed, materials)
+    edged = any(part is not None and part.edged for part in found)
+    if edged and FEW <= footprint**2 < EDGED**2:
+        return _of_all(photographs, trace, scene_file, count, EDGED, seed, materials)
+    return found
+
+
+def _of_all(
+    photographs: Sequence[Photograph],
+    trace: Tracer,
+    scene_file: Path,
+    count: int,
+    footprint: int,
+    seed: int,
+    materials: int,
+) -> list[Observations | None]:
+    """`choose_pixels`, with that many rays."""
     generator = torch.Generator().manual_seed(seed)
     quota = -(-count // len(photographs))
     parts: list[list[Observations]] = [[] for _ in range(materials)]
@@ -93,6 +114,7 @@ def _joined(parts: list[Observations], count: int) -> Observations | None:
         gbuffer.concatenate([part.surface for part in parts])[:count],
         torch.cat([part.radiance for part in parts])[:count],
         sum(part.self_seeing for part in parts) / len(parts),
+        any(part.edged for part in parts),
     )
 
 
@@ -131,22 +153,20 @@ def _observe(
     pixels = pixels[_evenly_by_angle(n_dot_v, quota + quota // 8)]  # some will not be whole
     surface = gbuffer.pixel_footprints(trace, photograph.camera, pixels[:, 1], pixels[:, 0], footprint)
     whole = (surface.front & (surface.material == material)).all(-1)
-    whole = _smoothest(surface, footprint, whole)
-    row, column = pixels[whole][:quota].T
+    smooth = whole & _without_edge(surface, footprint)
+    edged = bool(2 * smooth.sum() < whole.sum())
+    taken = whole if edged else smooth
+    row, column = pixels[taken][:quota].T
     radiance = photograph.radiance[row, column].double()
-    found = Observations(surface[whole][:quota], radiance, float(mirrors_itself.double().mean()))
+    found = Observations(surface[taken][:quota], radiance, float(mirrors_itself.double().mean()), edged)
     return found if len(radiance) else None
 
 
-def _smoothest(surface: GBuffer, footprint: int, whole: Bool[Tensor, " p"]) -> Bool[Tensor, " p"]:
-    """The whole pixels without an edge inside, between whose rays others can be told; all, where most have one.
-
-    Nor can they be told in the outermost pixels, where angles run from grazing to none.
-    """
+def _without_edge(surface: GBuffer, footprint: int) -> Bool[Tensor, " p"]:
+    """Pixels between whose rays others can be told; in the outermost they cannot, either: angles run to none there."""
     if footprint == 1:
-        return whole
-    smooth = whole & is_smooth(surface.normal.reshape(-1, footprint, footprint, 3))
-    return smooth if 2 * smooth.sum() >= whole.sum() else whole
+        return torch.ones_like(surface.hit[:, 0])
+    return is_smooth(surface.normal.reshape(-1, footprint, footprint, 3))
 
 
 def _freest(trace: Tracer, centres: GBuffer, mirrors_itself: Bool[Tensor, " p"], fewest: int) -> Bool[Tensor, " p"]:

@@ -10,7 +10,7 @@ import torch
 import trimesh
 
 from fitter.photographs import Photograph
-from fitter.selection import ANGLE_BINS, choose_pixels
+from fitter.selection import ANGLE_BINS, EDGED, choose_pixels
 from renderer import gbuffer
 from renderer.camera import Camera, look_at
 from renderer.errors import InputError
@@ -26,11 +26,25 @@ def photograph(origin=(0.0, 0.0, 4.0), target=(0.0, 0.0, 0.0), size: int = 96, m
     return Photograph("view", radiance, mask, Camera(pose, size, size), 1.0, 0, 0)
 
 
-def choose(*photographs: Photograph, shape: Shape = Sphere(), count: int = 800, seed: int = 0):  # noqa: B008
+def choose(
+    *photographs: Photograph,
+    shape: Shape = Sphere(),  # noqa: B008
+    count: int = 800,
+    seed: int = 0,
+    footprint: int = 2,
+):
     trace = gbuffer.tracer(shape)
-    (found,) = choose_pixels(photographs, trace, Path("scene.toml"), count=count, footprint=2, seed=seed)
+    (found,) = choose_pixels(photographs, trace, Path("scene.toml"), count=count, footprint=footprint, seed=seed)
     assert found is not None
     return found
+
+
+def facets() -> Mesh:
+    """A ball of 1280 flat faces: at 96 pixels across, an edge crosses most of them."""
+    ball = trimesh.creation.icosphere(3)
+    return Mesh(
+        np.asarray(ball.vertices), np.asarray(ball.faces), None, None, np.zeros(len(ball.faces), dtype=np.int64)
+    )
 
 
 def test_every_chosen_pixel_is_covered_wholly_and_from_the_front():
@@ -64,6 +78,27 @@ def test_the_seed_chooses():
     first, again, other = (choose(photograph(), seed=seed).radiance for seed in (1, 1, 2))
     assert torch.equal(first, again)
     assert not torch.equal(first, other)
+
+
+@pytest.mark.parametrize(("footprint", "rays"), [(1, 1), (2, 4), (4, EDGED**2), (9, 81)])
+def test_facets_smaller_than_pixels_take_more_rays_where_not_few_were_wanted(footprint, rays):
+    found = choose(photograph(), shape=facets(), footprint=footprint)
+    assert found.surface.hit.shape[1] == rays
+    assert found.edged or footprint < 3  # of two rays a side no edge is told from a bend
+
+
+def test_the_odd_edge_takes_no_more_rays_and_its_pixels_are_left_out():
+    box = trimesh.creation.box()
+    found = choose(
+        photograph((1.0, 0.5, 4.0)),
+        shape=Mesh(
+            np.asarray(box.vertices), np.asarray(box.faces), None, None, np.zeros(len(box.faces), dtype=np.int64)
+        ),
+        footprint=4,
+    )
+    assert found.surface.hit.shape[1] == 16
+    assert not found.edged
+    assert (found.surface.normal - found.surface.normal[:, :1]).norm(dim=-1).max() < 1e-9
 
 
 def test_a_convex_object_does_not_see_itself():
