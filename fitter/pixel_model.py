@@ -49,6 +49,12 @@ class PixelModel(ABC):
         """The same pixels with one half of the table's samples."""
         return self if self.table is None else self.under(self.table.half(which))
 
+    def without_highest_level(self) -> PixelModel | None:
+        """The same pixels with less light than they lose to interpolation between levels; None where there is none."""
+        if self.table is None or self.table.light.shape[1] == 1:
+            return None
+        return self.under(self.table.without_highest())
+
 
 @dataclass(frozen=True)
 class Body:

@@ -175,6 +175,42 @@ class Effect(Record):
     why: str
 
 
+class Rung(Record):
+    """One of the efforts by which a fit climbed towards a tolerance.
+
+    Attributes:
+        pixels, samples, levels: fitted, per pixel and level, of roughness.
+        movement: how far a determined number may still move, relative, the most of all; None where none is determined.
+        of: that number.
+        seconds: since the first effort began.
+    """
+
+    pixels: Annotated[int, Field(ge=0)]
+    samples: Annotated[int, Field(ge=0)]
+    levels: Annotated[int, Field(ge=0)]
+    movement: NonNegative | None
+    of: str | None
+    seconds: NonNegative
+
+
+class Tolerance(Record):
+    """How one material's fit met the tolerance asked for, or why it did not.
+
+    Attributes:
+        material: its name.
+        asked: relative.
+        reached: whether no determined number is expected to move by more.
+        hopeless: numbers that no effort brings so far: the photographs' own noise leaves more.
+        rungs: the efforts, the last one's numbers reported.
+    """
+
+    material: str
+    asked: NonNegative
+    reached: bool
+    hopeless: tuple[str, ...]
+    rungs: tuple[Rung, ...]
+
+
 class Time(Record):
     """Wall-clock seconds of each part; `total` holds start-up and the rest as well."""
 
@@ -198,6 +234,7 @@ class Result(Record):
     Attributes:
         message: one sentence for a person, which says why the status is what it is.
         exposure: pixel value per radiance, one for each photograph.
+        tolerance: of each material; None where none was asked for.
     """
 
     format: Literal[1] = FORMAT
@@ -210,6 +247,7 @@ class Result(Record):
     effects: tuple[Effect, ...]
     time: Time
     inputs: tuple[InputFile, ...]
+    tolerance: tuple[Tolerance, ...] | None = None
 
 
 def write_result(result: Result, path: str | Path) -> None:

@@ -149,12 +149,20 @@ def refined(problem: Problem, rough: Fit) -> Fit:
     """The draft made precise: finer tables around its roughness, the last of them laid anew where it leaves them."""
     fidelity, fit = problem.fidelity, rough
     if isinstance(fit.residuals.coordinates, MatteCoordinates):
-        return _next_round(problem, fit, None)
+        return anew(problem, fit)
     for factor in fidelity.spans[:-1]:
         fit = _next_round_within(problem.coarse, fit, factor, min(fidelity.samples, MIDWAY * fidelity.search_samples))
+    return anew(problem, fit)
+
+
+def anew(problem: Problem, fit: Fit) -> Fit:
+    """The fit of a problem next to whose solution another one's lies, by the finest tables alone."""
+    if isinstance(fit.residuals.coordinates, MatteCoordinates):
+        return _next_round(problem, fit, None)
+    factor = problem.fidelity.spans[-1]
     for _ in range(1 + MORE_ROUNDS):
-        span = _span_around(_roughness(fit), fidelity.spans[-1], problem.whole)
-        fit = _next_round_within(problem, fit, fidelity.spans[-1], fidelity.samples)
+        span = _span_around(_roughness(fit), factor, problem.whole)
+        fit = _next_round_within(problem, fit, factor, problem.fidelity.samples)
         if not _at_an_end(_roughness(fit), span, problem.whole):
             break
     return fit

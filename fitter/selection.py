@@ -32,12 +32,14 @@ class Observations:
         radiance: what the photographs show there, float64.
         self_seeing: share of the candidates that mirror the object itself.
         edged: whether most pixels have an edge inside, as facets' are.
+        available: how many pixels like these there are, by the share that was fit for use of those looked at.
     """
 
     surface: GBuffer
     radiance: Float[Tensor, "p 3"]
     self_seeing: float
     edged: bool
+    available: int
 
     def __getitem__(self, index: slice) -> Observations:
         return replace(self, surface=self.surface[index], radiance=self.radiance[index])
@@ -115,29 +117,39 @@ def _joined(parts: list[Observations], count: int) -> Observations | None:
         torch.cat([part.radiance for part in parts])[:count],
         sum(part.self_seeing for part in parts) / len(parts),
         any(part.edged for part in parts),
+        sum(part.available for part in parts),
     )
 
 
 @dataclass(frozen=True)
 class _Candidates:
-    """Pixels of one photograph that see the object's front: [p, 2] row and column, and the ray of each centre."""
+    """Pixels of one photograph that see the object's front.
+
+    Attributes:
+        pixels: row and column.
+        centres: the ray through each one's middle.
+        share: of the photograph's pixels that was looked at.
+    """
 
     pixels: Int[Tensor, "p 2"]
     centres: GBuffer
+    share: float
 
     def of(self, material: int) -> _Candidates:
         chosen = self.centres.material == material
-        return _Candidates(self.pixels[chosen], self.centres[chosen])
+        return _Candidates(self.pixels[chosen], self.centres[chosen], self.share)
 
 
 def _candidates(
     photograph: Photograph, trace: Tracer, place: tuple[Path, str], most: int, generator: torch.Generator
 ) -> _Candidates:
     pixels = photograph.mask.nonzero()
-    pixels = pixels[torch.randperm(len(pixels), generator=generator)[:most]]
+    count = len(pixels)
+    pixels = pixels[torch.randperm(count, generator=generator)[:most]]
+    share = len(pixels) / max(1, count)
     centres = gbuffer.pixel_footprints(trace, photograph.camera, pixels[:, 1], pixels[:, 0], 1)[:, 0]
     _require_front(centres, place)
-    return _Candidates(pixels[centres.front], centres[centres.front])
+    return _Candidates(pixels[centres.front], centres[centres.front], share)
 
 
 def _observe(
@@ -158,7 +170,9 @@ def _observe(
     taken = whole if edged else smooth
     row, column = pixels[taken][:quota].T
     radiance = photograph.radiance[row, column].double()
-    found = Observations(surface[taken][:quota], radiance, float(mirrors_itself.double().mean()), edged)
+    self_seeing = float(mirrors_itself.double().mean())
+    available = round(len(n_dot_v) * float(taken.double().mean()) / own.share)
+    found = Observations(surface[taken][:quota], radiance, self_seeing, edged, available)
     return found if len(radiance) else None
 
 

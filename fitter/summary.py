@@ -73,10 +73,10 @@ def fitted_material(
 def _is_determined(kind: str, key: str, number: Measured) -> bool:
     if number.stderr is None or number.interval is None:
         return False
-    return is_determined(_rule(kind, key), number.value, number.interval)
+    return is_determined(rule(kind, key), number.value, number.interval)
 
 
-def _rule(kind: str, key: str) -> str:
+def rule(kind: str, key: str) -> str:
     """By which parameter's rule a number counts as determined: 0.02 says much of a metal's F0, and nothing of 0.04."""
     return "reflectance" if (kind, key) == ("glossy", "f0") else key
 

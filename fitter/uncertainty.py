@@ -109,6 +109,23 @@ def spread(residuals: Residuals, x: Float[Tensor, " x"]) -> Spread:
     return Spread(inverse @ scattered @ inverse + _unknown(information))
 
 
+def integration_share(residuals: Residuals, x: Float[Tensor, " x"]) -> float:
+    """Share of the variance of a solution that the integration of light brought, in [0, 1].
+
+    Half the difference of the table's halves has the variance of their mean's error, and knows of nothing else.
+    """
+    if residuals.model.table is None:
+        return 0.0
+    whitening = residuals.robust_whitening(x)
+    slope = torch.matmul(whitening, residuals.slope(x))
+    first, second = (torch.einsum("prc,pc->pr", whitening, half.difference(x)) for half in residuals.halves)
+    _, information = _crossed(residuals, whitening, x)
+    inverse = _inverse(information)
+    scores = (torch.einsum("prx,pr->px", slope, each) for each in ((first - second) / 2, (first + second) / 2))
+    own, all_ = (float(((each @ inverse) * each).sum()) for each in scores)
+    return min(1.0, own / all_) if all_ > 0 else 1.0
+
+
 def _crossed(
     residuals: Residuals, whitening: Float[Tensor, "p 3 3"], x: Float[Tensor, " x"]
 ) -> tuple[Float[Tensor, "p x"], Float[Tensor, "x x"]]:

@@ -12,7 +12,7 @@ from __future__ import annotations
 import functools
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import torch
@@ -54,6 +54,13 @@ class LightTable:
     def half(self, which: int) -> LightTable:
         """The table of one half of the samples: what another, cheaper integration would have found."""
         return LightTable(self.light[which : which + 1], self.low, self.high, self.scale)
+
+    def without_highest(self) -> LightTable:
+        """The table with its light less the amplitude of the highest polynomial through the levels.
+
+        What a smooth curve loses to its interpolation is less than that.
+        """
+        return replace(self, light=self.light - chebyshev.coefficients(self.light.movedim(1, 0))[-1][:, None])
 
     def mean(self, dtype: torch.dtype) -> Float[Tensor, "a p b 3"]:
         """Both halves together."""

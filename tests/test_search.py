@@ -60,7 +60,8 @@ def problem_of(truth: Material, surface: GBuffer, light: Environment, fidelity: 
     """The problem of finding a material from a picture that the model itself makes, with other samples."""
     making = Setting(light, (), replace(fidelity, **made), seed=5)
     seen = making.radiance(truth, surface, making.fidelity.samples)
-    return Problem(Observations(surface, seen, 0.0, False), Setting(light, (), fidelity), SOLVERS["lm"], quiet)
+    observed = Observations(surface, seen, self_seeing=0.0, edged=False, available=len(seen))
+    return Problem(observed, Setting(light, (), fidelity), SOLVERS["lm"], quiet)
 
 
 @pytest.mark.parametrize("rho", [0.1, 0.4])
