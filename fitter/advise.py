@@ -23,7 +23,7 @@ from renderer import gbuffer
 from renderer.errors import InputError
 from renderer.threads import one_thread_per_operation
 
-EXACT = tuple(name for name, fidelity in PRESETS.items() if fidelity.lobe != "taps")
+EXACT = tuple(name for name, fidelity in PRESETS.items() if not fidelity.blurs)
 WHY_EXACT = "the viewer's model sees F0 alone, and follows no photograph closely enough to say where to take another"
 
 DOUBT = "The fit stopped without converging, so that this is a guess."
@@ -82,5 +82,5 @@ def _fidelity_of(result: Result, file: Path) -> Fidelity:
 
 
 def _require_exact(fidelity: Fidelity) -> None:
-    if fidelity.lobe == "taps":
+    if fidelity.blurs or fidelity.reflectance != "conductor":
         raise InputError("--fidelity", value=fidelity.name, expected=f"{' or '.join(EXACT)}: {WHY_EXACT}")

@@ -17,7 +17,17 @@ import typer
 from typer.exceptions import TyperException
 
 from fitter.advise_command import advise
-from fitter.option_names import FidelityName, LobeName, ModelName, PriorName, SolverName, TypeName
+from fitter.option_names import (
+    DtypeName,
+    FidelityName,
+    FittedLobeName,
+    LobeName,
+    ModelName,
+    PriorName,
+    ReflectanceName,
+    SolverName,
+    TypeName,
+)
 from fitter.printing import flush, say
 from fitter.progress import progress_bar
 from fitter.view_command import view
@@ -26,6 +36,7 @@ from renderer.errors import InputError
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
+    from fitter.fidelity import Fidelity
     from fitter.result import FittedMaterial
     from renderer.truth import ShadingModel, TrueMaterial
 
@@ -149,8 +160,22 @@ def fit(
     type_: Annotated[
         TypeName, typer.Option("--type", help="Of materials that the scene leaves open; auto tries all.")
     ] = TypeName.auto,
-    fidelity: Annotated[FidelityName, typer.Option(help="How accurately, for how much time.")] = FidelityName.standard,
-    lobe: Annotated[LobeName, typer.Option(help="Distribution of the microfacets.")] = LobeName.ggx,
+    fidelity: Annotated[
+        FidelityName, typer.Option(help="How accurately, for how much time; the options below change one choice each.")
+    ] = FidelityName.standard,
+    reflectance: Annotated[
+        ReflectanceName | None, typer.Option(help="Of metals; only conductor, the exact one, tells n from k.")
+    ] = None,
+    lobe: Annotated[
+        FittedLobeName | None, typer.Option(help="Microfacets, or the viewer's blur: its 49 taps, or converged.")
+    ] = None,
+    samples: Annotated[int | None, typer.Option(help="Directions per pixel and roughness, 16 to 65536.")] = None,
+    pixels: Annotated[int | None, typer.Option(help="How many are fitted, 100 to 10000000.")] = None,
+    levels: Annotated[int | None, typer.Option(help="Roughnesses of the last table, 3 to 32.")] = None,
+    environment_size: Annotated[
+        int | None, typer.Option(help="Columns of the environment map, 16 to 32768; 0 leaves it as it is.")
+    ] = None,
+    dtype: Annotated[DtypeName | None, typer.Option(help="Of the light tables.")] = None,
     prior: Annotated[
         PriorName, typer.Option(help="What stands in for n and k that the photographs leave open.")
     ] = PriorName.none,
@@ -163,7 +188,13 @@ def fit(
     quiet: Quiet = False,
 ) -> None:
     """Fit the material of a scene; writes result.json, report.html and two MTL files."""
-    chosen = (type_.value, fidelity.value, lobe.value, prior.value, solver.value)
+    from fitter.fidelity import fidelity_of
+
+    named = {"reflectance": reflectance, "lobe": lobe, "dtype": dtype}
+    numbers = {"samples": samples, "pixels": pixels, "levels": levels, "environment_size": environment_size}
+    words = {key: None if name is None else name.value for key, name in named.items()}
+    accuracy = fidelity_of(fidelity.value, **words, **numbers)  # type: ignore[arg-type] — the enums' values
+    chosen = (type_.value, accuracy, prior.value, solver.value)
     code = _fit(scene, out, *chosen, seed, device, quiet, polish=polish)
     raise typer.Exit(code)
 
@@ -247,13 +278,14 @@ def synth(
 @app.command()
 def demo(out: Out = Path("demo"), quiet: Quiet = False) -> None:
     """Photograph a gold ball with Mitsuba and fit it; needs no input."""
+    from fitter.fidelity import PRESETS
     from renderer.synth import SynthOptions, synthesise
 
     gold, _ = _true_material(None, metal="gold", alpha=0.15)
     options = SynthOptions(gold, size=128, spp=512)
     with progress_bar(quiet) as progress:
         scene = synthesise(options, out / "photographs", progress)
-    code = _fit(scene, out, "metal", "standard", "ggx", "none", "lm", 0, "cpu", quiet, begun=time.perf_counter())
+    code = _fit(scene, out, "metal", PRESETS["standard"], "none", "lm", 0, "cpu", quiet, begun=time.perf_counter())
     say(f"truth: {out / 'photographs' / 'truth.json'}")
     raise typer.Exit(code)
 
@@ -303,8 +335,7 @@ def _fit(
     scene: Path,
     out: Path,
     kind: str,
-    fidelity: str,
-    lobe: str,
+    fidelity: Fidelity,
     prior: str,
     solver: str,
     seed: int,
@@ -315,14 +346,12 @@ def _fit(
 ) -> int:
     with progress_bar(quiet) as progress:
         progress("starting", 0)
-        from fitter.fidelity import preset
         from fitter.pipeline import FitOptions, fit_scene
 
         if solver == "lm":
             import fitter.bridge  # noqa: F401 — its imports are start-up, not solving
         command = shlex.join(["fit-material", *sys.argv[1:]])
-        chosen = preset(fidelity, lobe)  # type: ignore[arg-type] — a value of LobeName
-        options = FitOptions(chosen, solver, seed, device, command, kind, prior, polish)  # type: ignore[arg-type] — PriorName's
+        options = FitOptions(fidelity, solver, seed, device, command, kind, prior, polish)  # type: ignore[arg-type] — PriorName's
         result = fit_scene(scene, out, options, progress, begun)
     _print_result(result, out)
     return DONE if result.status == "converged" else NO_MATERIAL

@@ -20,7 +20,7 @@ def effects_of(
         self_seeing: share of the pixels that mirror the object itself.
         polished: whether Mitsuba's paths had the last word.
     """
-    taps, exact = fidelity.lobe == "taps", fidelity.reflectance == "conductor"
+    blurs, exact = fidelity.blurs, fidelity.reflectance == "conductor"
     mirrors, scatters = bool({"metal", "glossy"} & {*types}), bool({"glossy", "matte"} & {*types})
     found = f"the materials are {', '.join(sorted({*types}))}"
     nothing = f"{found}, which mirror nothing"
@@ -30,11 +30,11 @@ def effects_of(
         else "no pixel looked at mirrors the object itself"
     )
     paths = f"{itself}; Mitsuba traced the paths of the polish" if polished else itself
-    above = "the 49 taps have none" if taps else "light from below the surface is not counted"
+    above = "the viewer's blur has none" if blurs else "light from below the surface is not counted"
     lamps = f"{lights} directional light{'s' * (lights > 1)}" if lights else "the scene has no directional lights"
-    guarded = taps and "glossy" in types
+    guarded = blurs and "glossy" in types
     if not exact:
-        fresnel = "the viewer's reflectance was asked for"
+        fresnel = f"{fidelity.reflectance}'s reflectance was asked for"
     elif "metal" in types:
         fresnel = "n and k differ in it alone"
     else:
@@ -42,7 +42,7 @@ def effects_of(
     rows = [
         ("reflection", mirrors, found if mirrors else nothing),
         ("blur", mirrors, "the roughness is fitted" if mirrors else nothing),
-        ("horizon", mirrors and not taps, above if mirrors else nothing),
+        ("horizon", mirrors and not blurs, above if mirrors else nothing),
         ("light-reflection", mirrors and lights > 0, lamps if mirrors else nothing),
         ("diffuse-irradiance", scatters, found if scatters else "metals have no diffuse part"),
         ("energy-guard", guarded, "colour and reflection share the light" if guarded else "nothing calls for it"),

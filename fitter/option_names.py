@@ -38,3 +38,21 @@ class ModelName(enum.StrEnum):
 class LobeName(enum.StrEnum):
     ggx = "ggx"
     beckmann = "beckmann"
+
+
+class FittedLobeName(enum.StrEnum):
+    ggx = "ggx"
+    beckmann = "beckmann"
+    gaussian = "gaussian"
+    taps = "taps"
+
+
+class ReflectanceName(enum.StrEnum):
+    conductor = "conductor"
+    lazanyi = "lazanyi"
+    schlick = "schlick"
+
+
+class DtypeName(enum.StrEnum):
+    float32 = "float32"
+    float64 = "float64"

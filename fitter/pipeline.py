@@ -18,10 +18,10 @@ from fitter.loading import Loaded, load
 from fitter.mtl import ordinary_mtl, thesis_mtl
 from fitter.nearest import nearest_metals
 from fitter.parameters import MetalCoordinates
-from fitter.pixel_model import exact_reflectance, viewer_reflectance
 from fitter.polish import Polish, polish_scene, polished, require_polishable
 from fitter.prior import Prior, borrow
 from fitter.quality import ViewPictures
+from fitter.reflectances import REFLECTANCES
 from fitter.report import comparison_png, render_report
 from fitter.result import FittedMaterial, Model, Result, Time, write_result
 from fitter.search import Problem
@@ -34,6 +34,7 @@ from fitter.verdicts import seen_by
 from fitter.viewer_roughness import viewer_roughness
 from renderer import gbuffer
 from renderer.atomic import replaced_together, write_bytes_atomically, write_text_atomically
+from renderer.box_filter import box_filtered
 from renderer.errors import InputError
 from renderer.gbuffer import GBuffer, Tracer
 from renderer.picture import draw
@@ -148,7 +149,9 @@ def fit_scene(
 
 def setting_of(loaded: Loaded, options: FitOptions, device: torch.device) -> Setting:
     """The light of the scene on that device, and how accurately to compute it."""
-    environment = replace(loaded.environment, radiance=loaded.environment.radiance.to(device))
+    fidelity = options.fidelity
+    radiance = box_filtered(loaded.environment.radiance, fidelity.environment_size)
+    environment = replace(loaded.environment, radiance=radiance.to(device, getattr(torch, fidelity.dtype)))
     sources = tuple(directional_light(light) for light in loaded.scene.lights)
     return Setting(environment, sources, options.fidelity, options.seed)
 
@@ -205,7 +208,7 @@ def _part(index: int, name: str, observed: Observations, choice: Choice, setting
     coordinates = fit.residuals.coordinates
     nearest = nearest_metals(fit.x, coordinates, uncertainty) if isinstance(coordinates, MetalCoordinates) else ()
     rho = None
-    if setting.fidelity.lobe != "taps" and fit.material.type != "matte":
+    if not setting.fidelity.blurs and fit.material.type != "matte":
         rho = viewer_roughness(observed, setting.viewers, fit.material)
     borrowed = borrow(fit, uncertainty, prior)
     material = fitted_material(name, fit, uncertainty, rho, nearest, borrowed)
@@ -251,7 +254,7 @@ def _curve(part: FittedPart, setting: Setting) -> Curve | None:
     fit = part.choice.fit
     if fit.material.type == "matte":
         return None
-    reflectance = viewer_reflectance if setting.fidelity.lobe == "taps" else exact_reflectance
+    reflectance = REFLECTANCES[setting.fidelity.reflectance]
     return reflectance_curve(reflectance, fit.residuals.coordinates, fit.x, part.spread)
 
 
@@ -268,7 +271,7 @@ def _remarks(loaded: Loaded, parts: Sequence[FittedPart], fidelity: Fidelity) ->
     unseen = [name for index, name in enumerate(loaded.materials) if index not in fitted]
     if unseen:
         remarks.append(f"No photograph shows {', '.join(unseen)}: the result leaves it out.")
-    if fidelity.lobe == "taps" and any(part.material.type != "matte" for part in parts):
+    if fidelity.blurs and any(part.material.type != "matte" for part in parts):
         remarks.append(
             "The viewer's blur follows no real lobe closely: F0 and roughness make up for the difference, which their"
             " errors do not count."
@@ -330,7 +333,9 @@ def _result(
             lobe=fidelity.lobe,
             samples=fidelity.samples,
             pixels=sum(len(part.observed.radiance) for part in parts),
-            dtype="float32",
+            dtype=fidelity.dtype,
+            levels=fidelity.levels,
+            environment_size=setting.environment.radiance.shape[1],
         ),
         effects=effects_of(fidelity, types, len(setting.sources), self_seeing, polish),
         time=clock.now(),

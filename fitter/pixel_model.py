@@ -12,12 +12,13 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
+from fitter.reflectances import MaterialReflectance, exact_reflectance, viewer_reflectance
 from renderer import irradiance, transport
 from renderer.gbuffer import GBuffer
 from renderer.transport import LightTable
-from shaders import fresnel, lobe, plastic
+from shaders import lobe, plastic
 from shaders.materials import Glossy, Material, Matte, Metal
-from shaders.shade import DirectionalLight, Illumination, Points, shade
+from shaders.shade import DirectionalLight, Illumination, Points, reflection, shade
 
 DIFFUSE_DEGREE = 11  # polynomials in √cos: one more than `irradiance.DEGREE`, so that (1 - cos)⁵ is among them
 
@@ -128,6 +129,7 @@ class ExactPixels(PixelModel):
         body: the diffuse light; None where there is nothing to scatter it.
         sources: directional lights.
         distribution: of the microfacets.
+        reflectance: of each facet.
     """
 
     table: LightTable | None
@@ -135,6 +137,7 @@ class ExactPixels(PixelModel):
     body: Body | None
     sources: tuple[DirectLight, ...]
     distribution: lobe.Distribution
+    reflectance: MaterialReflectance = exact_reflectance
 
     def under(self, table: LightTable | None) -> ExactPixels:
         return replace(self, table=table, light=None if table is None else table.mean(torch.float64))
@@ -142,15 +145,15 @@ class ExactPixels(PixelModel):
     def radiance(self, material: Material) -> Float[Tensor, "p 3"]:
         """Radiance of every pixel."""
         if isinstance(material, Matte):
-            return material.color * self.scattered(functools.partial(exact_reflectance, material))
-        surface = self.reflected(functools.partial(exact_reflectance, material), material.roughness)
+            return material.color * self.scattered(functools.partial(self.reflectance, material))
+        surface = self.reflected(functools.partial(self.reflectance, material), material.roughness)
         return surface if isinstance(material, Metal) else surface + self._scattered_inside(material)
 
     def mixing(self, material: Material) -> Float[Tensor, "a b 3"] | None:
         """Level weights times Fresnel coefficients, for a metal that no directional light falls on."""
         if not isinstance(material, Metal) or self.sources or self.light is None or self.table is None:
             return None
-        coefficients = self._coefficients(functools.partial(exact_reflectance, material), material.roughness)
+        coefficients = self._coefficients(functools.partial(self.reflectance, material), material.roughness)
         return self.table.level_weights(material.roughness)[:, None, None] * coefficients
 
     def _coefficients(self, reflectance: Reflectance, like: Tensor) -> Float[Tensor, "b c"]:
@@ -186,22 +189,6 @@ class ExactPixels(PixelModel):
         return found
 
 
-def exact_reflectance(material: Material, cosine: Float[Tensor, "*p 1"]) -> Float[Tensor, "*p c"]:
-    """F of a conductor at n, k, of a dielectric with one index for all channels, or Schlick's of a matte material."""
-    if isinstance(material, Metal):
-        return fresnel.conductor(cosine, material.n, material.k)
-    if isinstance(material, Glossy):
-        return fresnel.dielectric(cosine, plastic.ior(material.reflectance[0]))
-    return fresnel.schlick(cosine, material.reflectance)
-
-
-def viewer_reflectance(material: Material, cosine: Float[Tensor, "*p 1"]) -> Float[Tensor, "*p 3"]:
-    """F as the thesis approximates it."""
-    if isinstance(material, Metal):
-        return fresnel.lazanyi(cosine, material.n, material.k)
-    return fresnel.schlick(cosine, material.reflectance)
-
-
 @dataclass(frozen=True)
 class BlurredByTable(Illumination):
     """The thesis's light at a set of pixels, its blur taken from a table.
@@ -224,10 +211,15 @@ class BlurredByTable(Illumination):
 
 @dataclass(frozen=True)
 class ViewerPixels(PixelModel):
-    """The thesis's model as the viewer draws it, at the pixels' centres [MODEL.md 3, 4]."""
+    """The thesis's model as the viewer draws it, at the pixels' centres [MODEL.md 3, 4].
+
+    Attributes:
+        reflectance: of metals; the thesis's is `viewer_reflectance`.
+    """
 
     points: Points
     illumination: BlurredByTable
+    reflectance: MaterialReflectance = viewer_reflectance
 
     @property
     def table(self) -> LightTable | None:  # type: ignore[override]
@@ -238,8 +230,11 @@ class ViewerPixels(PixelModel):
         return replace(self, illumination=replace(self.illumination, table=table, mean=mean))
 
     def radiance(self, material: Material) -> Float[Tensor, "p 3"]:
-        """Radiance of every pixel."""
-        return shade(material, self.points, self.illumination)
+        """Radiance of every pixel; a metal's under the reflectance asked for."""
+        if not isinstance(material, Metal):
+            return shade(material, self.points, self.illumination)
+        f = self.reflectance(material, self.points.n_dot_v)
+        return reflection(f, material.roughness, self.points, self.illumination)
 
 
 def exact_pixels(
@@ -247,6 +242,7 @@ def exact_pixels(
     diffuse: Float[Tensor, "p b 3"] | None,
     sources: Sequence[DirectionalLight],
     distribution: lobe.Distribution,
+    reflectance: MaterialReflectance,
 ) -> ExactPixels:
     """The dearer model of pixels, without a table so far.
 
@@ -255,19 +251,25 @@ def exact_pixels(
         diffuse: `Body.light`; None where there is nothing to scatter it.
         sources: directional lights.
         distribution: of the microfacets.
+        reflectance: of each facet.
     """
     direct = tuple(DirectLight.of(surface, source) for source in sources)
     if diffuse is None:
-        return ExactPixels(None, None, None, direct, distribution)
+        return ExactPixels(None, None, None, direct, distribution, reflectance)
     view = irradiance.cosine_basis(surface.n_dot_v, diffuse.shape[1]).mean(1)
-    return ExactPixels(None, None, Body(diffuse.double(), view), direct, distribution)
+    return ExactPixels(None, None, Body(diffuse.double(), view), direct, distribution, reflectance)
 
 
-def viewer_pixels(surface: GBuffer, ambient: Float[Tensor, "9 3"], sources: Sequence[DirectionalLight]) -> ViewerPixels:
+def viewer_pixels(
+    surface: GBuffer,
+    ambient: Float[Tensor, "9 3"],
+    sources: Sequence[DirectionalLight],
+    reflectance: MaterialReflectance,
+) -> ViewerPixels:
     """The viewer's model of pixels, seen at their central rays, without a table so far."""
     centre = central(surface)
     light = BlurredByTable(None, None, ambient, tuple(sources))
-    return ViewerPixels(Points(centre.normal, centre.view), light)
+    return ViewerPixels(Points(centre.normal, centre.view), light, reflectance)
 
 
 def central(surface: GBuffer) -> GBuffer:

@@ -239,8 +239,10 @@ def require_polishable(fidelity: Fidelity) -> None:
     Raises:
         InputError: names the option and what it needs.
     """
-    if fidelity.lobe == "taps":
+    if fidelity.blurs:
         raise InputError("--polish", expected="preview, standard or reference for --fidelity: Mitsuba has no such blur")
+    if fidelity.reflectance != "conductor":
+        raise InputError("--polish", expected="--reflectance conductor, which is Mitsuba's")
     differentiable.require_variant()
 
 
@@ -249,7 +251,7 @@ def polish_scene(
 ) -> DifferentiableScene:
     """The object in Mitsuba, made of what was found; `materials` by their index among the mesh's."""
     lobe = setting.fidelity.lobe
-    assert lobe != "taps"
+    assert lobe == "ggx" or lobe == "beckmann"
     bsdfs = [_bsdf(materials[i], lobe) if i in materials else diffuse(GREY) for i in range(len(loaded.materials))]
     return DifferentiableScene(loaded.shape, setting.environment, setting.sources, bsdfs, metal)
 

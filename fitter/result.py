@@ -153,10 +153,12 @@ class Model(Record):
 
     Attributes:
         reflectance: Fresnel form, such as "conductor" or "schlick".
-        lobe: such as "ggx", "beckmann", "taps".
+        lobe: such as "ggx", "beckmann", "gaussian", "taps".
         samples: directions per pixel and roughness.
         pixels: how many pixels, of all photographs together, were fitted.
-        dtype: "float32" or "float64".
+        dtype: of the light tables, "float32" or "float64".
+        levels: of roughness in the last table; None in results that older versions wrote.
+        environment_size: columns of the environment map that light was integrated from; None as above.
     """
 
     fidelity: str
@@ -165,6 +167,8 @@ class Model(Record):
     samples: Annotated[int, Field(ge=0)]
     pixels: Annotated[int, Field(ge=0)]
     dtype: str
+    levels: Annotated[int, Field(ge=1)] | None = None
+    environment_size: Annotated[int, Field(ge=1)] | None = None
 
 
 class Effect(Record):

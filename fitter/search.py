@@ -60,7 +60,7 @@ class Problem:
     @property
     def whole(self) -> tuple[float, float]:
         """The range of roughness."""
-        return BLUR_RANGE if self.fidelity.lobe == "taps" else MICROFACET_RANGE
+        return BLUR_RANGE if self.fidelity.blurs else MICROFACET_RANGE
 
     def table(self, span: tuple[float, float], levels: int, samples: int, stage: str) -> LightTable:
         report = functools.partial(self.progress, stage)
@@ -194,7 +194,7 @@ def _whitening(problem: Problem, picture: Float[Tensor, "p 3"]) -> Float[Tensor,
     noise: then all photographs' pixels weigh relatively alike.
     """
     seen = problem.observed.radiance
-    if problem.fidelity.lobe != "taps":
+    if not problem.fidelity.blurs:
         return local_whitening(picture - seen, picture, problem.neighbours, EXACT)
     weight = relative_weight(seen)
     return even_whitening(weight, max(scatter((picture - seen) * weight), EXACT))
@@ -202,18 +202,17 @@ def _whitening(problem: Problem, picture: Float[Tensor, "p 3"]) -> Float[Tensor,
 
 def _coordinates(start: Material, model: PixelModel, fidelity: Fidelity) -> Coordinates:
     """The unknowns of the start's type; outside the viewer's model dielectrics reflect all channels alike."""
-    viewers = fidelity.lobe == "taps"
-    channels = 3 if viewers else 1
+    channels = 3 if fidelity.blurs else 1
     if model.table is None:
         return MatteCoordinates(channels)
     roughness = _interval(model.table)
     if not isinstance(start, Metal):
-        return GlossyCoordinates(roughness, Interval(0.0, 1.0) if viewers else DIELECTRIC, channels)
-    return MetalCoordinates(roughness, _known_tint(start) if viewers else None)
+        return GlossyCoordinates(roughness, Interval(0.0, 1.0) if fidelity.blurs else DIELECTRIC, channels)
+    return MetalCoordinates(roughness, None if fidelity.reflectance == "conductor" else _known_tint(start))
 
 
 def _known_tint(start: Metal) -> Float[Tensor, "3"]:
-    """Lazányi's reflectance sees F0 alone: n and k are taken from the catalogue's metal with the nearest colour."""
+    """For what sees F0 alone: the tint of the catalogue's metal with the nearest colour."""
     known = [(torch.tensor(m.n, dtype=torch.float64), torch.tensor(m.k, dtype=torch.float64)) for m in read_catalogue()]
     distance = [float((fresnel.normal_reflectance(n, k) - start.f0).norm()) for n, k in known]
     return tint_of(*known[min(range(len(known)), key=distance.__getitem__)])

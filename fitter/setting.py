@@ -12,6 +12,7 @@ from torch import Tensor
 
 from fitter.fidelity import Fidelity
 from fitter.pixel_model import DIFFUSE_DEGREE, PixelModel, central, exact_pixels, viewer_pixels
+from fitter.reflectances import REFLECTANCES
 from renderer import cubemap, transport
 from renderer.cubemap import Cubemap
 from renderer.environment import Environment
@@ -43,10 +44,11 @@ class Setting:
 
     def pixels(self, surface: GBuffer, body: bool) -> PixelModel:
         """The model of pixels [p, k], without a table so far; diffuse light is integrated where there is a body."""
-        if self.fidelity.lobe == "taps":
-            return viewer_pixels(surface, self.viewers.ambient, self.sources)
+        reflectance = REFLECTANCES[self.fidelity.reflectance]
+        if self.fidelity.blurs:
+            return viewer_pixels(surface, self.viewers.ambient, self.sources, reflectance)
         diffuse = self._diffuse(surface) if body else None
-        return exact_pixels(surface, diffuse, self.sources, self.fidelity.lobe)
+        return exact_pixels(surface, diffuse, self.sources, self.fidelity.distribution, reflectance)
 
     def table(
         self,
@@ -58,11 +60,13 @@ class Setting:
         """Light through the fidelity's lobe; `levels` are the ends of its roughness and their number."""
         if self.fidelity.lobe == "taps":
             return transport.tap_table(central(surface), self.viewers.cubemap, levels)
+        if self.fidelity.lobe == "gaussian":
+            return transport.gaussian_table(central(surface), self._near, levels, samples, self.seed)
         return transport.microfacet_table(
             surface,
             self.environment,
             levels,
-            distribution=self.fidelity.lobe,
+            distribution=self.fidelity.distribution,
             degree=self.fidelity.degree,
             samples=samples,
             seed=self.seed,

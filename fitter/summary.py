@@ -12,7 +12,7 @@ from fitter.prior import from_prior, with_prior
 from fitter.result import Determined, FittedMaterial, Intervals, Nearest, StandardErrors, Status
 from fitter.search import Fit
 from fitter.uncertainty import Spread, is_determined
-from fitter.verdicts import CHANNELS, Seen, on_the_prior, verdicts
+from fitter.verdicts import CHANNELS, Seen, on_the_prior, sees_f0_only, verdicts
 from fitter.viewer_roughness import RHO_PER_ALPHA, ViewerRoughness
 
 T = TypeVar("T")
@@ -47,7 +47,8 @@ def fitted_material(
     kind, viewers = fit.material.type, rho is None and fit.material.type != "matte"
     found = {key: measured(fit, spread, key) for key in QUANTITIES[kind]}
     if kind == "metal":
-        found |= {key: unseen(fit, key) for key in ("n", "k")} if viewers else paired(found["n"], found["k"], fit)
+        blind = sees_f0_only(fit.residuals.coordinates)
+        found |= {key: unseen(fit, key) for key in ("n", "k")} if blind else paired(found["n"], found["k"], fit)
     if viewers:
         found["alpha"] = [Measured(found["roughness"][0].value / RHO_PER_ALPHA)]
     elif rho is not None:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import torch
 
 from fitter.mixture import Borrowed, TooFar
-from fitter.pixel_model import ViewerPixels
+from fitter.parameters import Coordinates, MetalCoordinates
 from fitter.result import FittedMaterial
 from fitter.search import Fit
 from fitter.selection import Observations
@@ -32,14 +32,14 @@ class Seen:
         steepest: angle between view and normal, degrees, that none of them exceeds.
         noise: scatter of photograph over fit among the pixels beyond 60°, or among all where these are few; red, green,
             blue.
-        viewers: whether the fit was made in the viewer's own model, which sees F0 only.
+        f0_only: whether the reflectance was one that n and k enter through F0 alone.
     """
 
     pixels: int
     grazing: int
     steepest: float
     noise: tuple[float, float, float]
-    viewers: bool
+    f0_only: bool
 
 
 def seen_by(fit: Fit, observed: Observations) -> Seen:
@@ -51,8 +51,14 @@ def seen_by(fit: Fit, observed: Observations) -> Seen:
     tiny = torch.finfo(torch.float64).tiny
     ratio = ((observed.radiance - fit.picture) / fit.picture.clamp_min(tiny))[told]
     red, green, blue = ratio.abs().quantile(ONE_SIGMA, 0).tolist()
-    viewers = isinstance(fit.residuals.model, ViewerPixels)
-    return Seen(len(angle), int(beyond.sum()), float(angle.max()), (red, green, blue), viewers)
+    return Seen(
+        len(angle), int(beyond.sum()), float(angle.max()), (red, green, blue), sees_f0_only(fit.residuals.coordinates)
+    )
+
+
+def sees_f0_only(coordinates: Coordinates) -> bool:
+    """Whether a metal was fitted by a reflectance that n and k enter through F0 alone [MODEL.md 1]."""
+    return isinstance(coordinates, MetalCoordinates) and coordinates.tint is not None
 
 
 def verdicts(material: FittedMaterial, seen: Seen) -> list[str]:
@@ -114,8 +120,8 @@ def _reason(key: str, channel: int | None, material: FittedMaterial, seen: Seen)
 
 def _reason_of_index(channel: int, material: FittedMaterial, seen: Seen) -> str:
     """Why n and k of a channel cannot be told apart; they part near grazing angles only."""
-    if seen.viewers:
-        return "the viewer's model sees F0 only"
+    if seen.f0_only:
+        return "the reflectance fitted with sees F0 only"
     if seen.steepest < STEEP:
         return f"no pixel beyond {math.ceil(seen.steepest)}°"
     if seen.grazing < FEW:

@@ -37,7 +37,7 @@ class Draws:
     @staticmethod
     def of(numbers: Int[Tensor, " t"], half: Any, samples: int, rays: int, seed: int) -> Draws:
         """Those of the pixels with these numbers, one for each thread."""
-        points = Points.draw(samples // 2, rays, seed, torch.device("cpu"))
+        points = Points.draw(samples // 2, rays, seed, torch.zeros(0))
         packed = torch.stack([points.u1, points.u2, points.ray.float(), torch.zeros_like(points.u1)], -1)
         count, stratum = (
             dr.opaque(UInt32, number) for number in (samples // 4, min(2**32 - 1, 2**32 // (samples // 4)))

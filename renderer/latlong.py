@@ -42,13 +42,16 @@ def lookup(
 
     Args:
         x, y, z: components of unit directions in world space.
+
+    Returns:
+        values in the dtype of the texels.
     """
     rows, columns = latlong.texels.shape[2:]
     u = torch.atan2(x, -z) / (2 * math.pi) + latlong.rotation / 360
     v = torch.acos(y.clamp(-1, 1)) / math.pi
     column = (u - u.floor()) * (columns - 2) + 1
     row = v * (rows - 3) + 1.5
-    grid = torch.stack([column * (2 / columns) - 1, row * (2 / rows) - 1], -1).reshape(1, -1, 1, 2)
+    grid = torch.stack([column * (2 / columns) - 1, row * (2 / rows) - 1], -1).reshape(1, -1, 1, 2).to(latlong.texels)
     found = torch.nn.functional.grid_sample(latlong.texels, grid, mode="bilinear", align_corners=False)
     return found[0, :, :, 0].T.reshape(*x.shape, -1)
 

@@ -46,7 +46,7 @@ class Frames:
         return tuple(x * t + y * b + z * n for t, b, n in zip(tangent, bitangent, normal, strict=True))
 
 
-def frames(surface: Rays, ray: Tensor) -> Frames:
+def frames(surface: Rays, ray: Tensor, dtype: torch.dtype = torch.float32) -> Frames:
     """Local frames in which the view lies in the xz plane, for the ray of the footprint that each sample takes."""
     normal, view, cos_v = surface.normal, surface.view, surface.n_dot_v
     tangent = view - cos_v[..., None] * normal
@@ -57,8 +57,10 @@ def frames(surface: Rays, ray: Tensor) -> Frames:
     if straight.any():
         tangent[straight] = _any_tangent(normal[straight])
     bitangent = torch.linalg.cross(normal, tangent)
-    axes = tuple(tuple(axis[:, ray, i].float().contiguous() for i in range(3)) for axis in (tangent, bitangent, normal))
-    return Frames(cos_v[:, ray].float().clamp(1e-6, 1), sin_v[:, ray].float(), axes)  # type: ignore[arg-type]
+    axes = tuple(
+        tuple(axis[:, ray, i].to(dtype).contiguous() for i in range(3)) for axis in (tangent, bitangent, normal)
+    )
+    return Frames(cos_v[:, ray].to(dtype).clamp(1e-6, 1), sin_v[:, ray].to(dtype), axes)  # type: ignore[arg-type]
 
 
 def _any_tangent(normal: Float[Tensor, "p 3"]) -> Float[Tensor, "p 3"]:
@@ -79,16 +81,17 @@ class Points:
     ray: Tensor
 
     @staticmethod
-    def draw(samples: int, rays: int, seed: int, device: torch.device) -> Points:
-        u1, u2, u3 = torch.quasirandom.SobolEngine(3, scramble=True, seed=seed).draw(samples).T.to(device)
+    def draw(samples: int, rays: int, seed: int, like: Tensor) -> Points:
+        u1, u2, u3 = torch.quasirandom.SobolEngine(3, scramble=True, seed=seed).draw(samples).T.to(like)
         own = rays if rays < FEW else rays // 2
-        second = (torch.arange(samples, device=device) >= samples // 2) * (rays - own)
+        second = (torch.arange(samples, device=like.device) >= samples // 2) * (rays - own)
         return Points(u1, u2, (u3 * own).long().clamp_max(own - 1) + second)
 
     def shifted(self, pixels: int, generator: torch.Generator) -> tuple[Float[Tensor, "p s"], Float[Tensor, "p s"]]:
         """The points, each half of each pixel's shifted by itself [Cranley & Patterson 1976]: errors are their own."""
         half = len(self.u1) // 2
-        shift = torch.rand(2, pixels, 2, generator=generator, device=generator.device).repeat_interleave(half, 2)
+        shift = torch.rand(2, pixels, 2, generator=generator, device=generator.device, dtype=self.u1.dtype)
+        shift = shift.repeat_interleave(half, 2)
         return (self.u1 + shift[0]) % 1, (self.u2 + shift[1]) % 1
 
 
@@ -136,7 +139,7 @@ def draw_lamps(
     """Directions that the light draws, each half of them from strata of its own."""
     pixels, samples = frame.cos_v.shape
     stratum = torch.arange(samples // 2, device=generator.device).repeat(2)
-    u, u1, u2 = torch.rand(3, pixels, samples, generator=generator, device=generator.device)
+    u, u1, u2 = torch.rand(3, pixels, samples, generator=generator, device=generator.device, dtype=frame.cos_v.dtype)
     block, inside = _choose(asked, (stratum + u) / (samples // 2))
     blocks = sampler.lamps.blocks
     share = blocks.first[block] + inside * blocks.share[block]

@@ -19,12 +19,13 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from renderer import chebyshev, cubemap
+from renderer import chebyshev, cubemap, latlong
 from renderer.cubemap import Cubemap
 from renderer.environment import Environment
 from renderer.footprint import filled, places, rays_of
 from renderer.fused_table import fused_available, integrate_fused
 from renderer.gbuffer import GBuffer
+from renderer.latlong import LatLong
 from renderer.lobe_sampling import Directions, Frames, LightSampler, Points, asked_blocks, draw_lamps, draw_lobe, frames
 from renderer.threads import map_in_threads
 from shaders import lobe
@@ -116,21 +117,22 @@ def microfacet_table(
 
     Args:
         surface: [p, k] rays inside each of p pixels, all on the front of the object.
-        environment: the light; the integration runs on its device.
+        environment: the light; the integration runs on its device and in its dtype.
         alphas: lowest and highest microfacet width, and the number of levels between them.
         distribution: "ggx" or "beckmann".
         degree: number of Chebyshev polynomials for the reflectance.
         samples: directions per pixel and level, a multiple of 4.
         seed: of the shifts; the same seed gives the same table.
         progress: told the share that is done, in (0, 1].
-        fused: whether one compiled kernel does it, see `renderer.fused_table`; by default on the CPU where it can.
+        fused: whether one compiled kernel does it, see `renderer.fused_table`; by default where it can, on the CPU
+            in float32.
 
     Returns:
-        the table, float32, on the CPU.
+        the table, on the CPU.
     """
     groups = _neighbours(levels(*alphas, "log"))
     if fused is None:
-        fused = environment.radiance.device.type == "cpu" and fused_available()
+        fused = _fits_the_kernel(environment.radiance) and fused_available()
     integrate = integrate_fused if fused else _integrate
     table = integrate(
         surface,
@@ -159,7 +161,7 @@ def _integrate(
     """The table's light in torch, on the environment's device."""
     pixels, device = len(surface.hit), environment.radiance.device
     sampler = LightSampler.of(environment)
-    points = Points.draw(samples // 2, rays_of(surface), seed, device)
+    points = Points.draw(samples // 2, rays_of(surface), seed, environment.radiance)
     middle_ray = torch.tensor([0], device=device)
     step, place = max(1, _CHUNK // samples), places(surface, seed)
 
@@ -167,7 +169,7 @@ def _integrate(
         generator = torch.Generator(device).manual_seed(seed * pixels + start)
         part = slice(start, start + step)
         rays = filled(surface[part], place[part]).to(device)
-        frame, middle = (frames(rays, which) for which in (points.ray, middle_ray))
+        frame, middle = (frames(rays, which, points.u1.dtype) for which in (points.ray, middle_ray))
         u1, u2 = points.shifted(len(frame.cos_v), generator)
         made = []
         for alphas in groups:
@@ -202,12 +204,53 @@ def tap_table(surface: GBuffer, environment: Cubemap, rhos: tuple[float, float, 
         the table; its two halves are equal, for the taps are the model and no estimate.
     """
     low, high, count = rhos
-    reflected = reflect(surface).float()
+    reflected = reflect(surface).to(environment.faces)
     radiance = functools.partial(cubemap.lookup, environment)
     table = torch.stack(
-        [lobe.blur(radiance, reflected, torch.tensor(rho)) for rho in levels(low, high, count, "linear")]
+        [lobe.blur(radiance, reflected, reflected.new_tensor(rho)) for rho in levels(low, high, count, "linear")]
     )
     return LightTable(table[:, :, None].expand(2, *table.shape[:2], 1, 3), low, high, "linear")
+
+
+def gaussian_table(
+    surface: GBuffer, environment: Environment, rhos: tuple[float, float, int], samples: int, seed: int
+) -> LightTable:
+    """Light through the lobe that the thesis's 49 taps stand for, converged [MODEL.md 6]; its only degree is 0.
+
+    Args:
+        surface: [p] rays.
+        environment: the light, on the CPU; the table has its dtype.
+        rhos: lowest and highest blur radius, and the number of levels between them.
+        samples: directions per pixel and level, even; one half for each half of the table.
+        seed: of the offsets; the same seed gives the same table.
+    """
+    low, high, count = rhos
+    light, reflected = latlong.of(environment), reflect(surface).to(environment.radiance)
+    offsets = lobe.gaussian_offsets(samples // 2, seed, reflected)
+    step = max(1, _CHUNK // samples)
+
+    def integrate(start: int) -> Float[Tensor, "2 a c 3"]:
+        part = reflected[start : start + step]
+        return torch.stack(
+            [
+                torch.stack([_mean_light(light, part, half, rho) for rho in levels(low, high, count, "linear")])
+                for half in offsets
+            ]
+        )
+
+    table = torch.cat(list(map_in_threads(integrate, range(0, len(reflected), step))), 2)
+    return LightTable(table[:, :, :, None], low, high, "linear")
+
+
+def _mean_light(light: LatLong, r: Float[Tensor, "p 3"], offsets: Float[Tensor, "s 2"], rho: float) -> Tensor:
+    """Mean light of the Gaussian lobe of ρ around r, [p, 3]."""
+    towards = lobe.gaussian_directions(r, offsets, rho)
+    return latlong.lookup(light, *towards.unbind(-1)).mean(1)
+
+
+def _fits_the_kernel(radiance: Tensor) -> bool:
+    """The compiled kernel runs on the CPU, in float32."""
+    return radiance.device.type == "cpu" and radiance.dtype == torch.float32
 
 
 def reflect(surface: GBuffer) -> Float[Tensor, "*p 3"]:

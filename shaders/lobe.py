@@ -1,4 +1,4 @@
-"""The lobes of a rough reflection: the thesis's 49 taps, and the GGX and Beckmann microfacet distributions.
+"""The lobes of a rough reflection: the thesis's 49 taps, the Gaussian they stand for, GGX and Beckmann microfacets.
 
 Microfacet functions work in the frame of one point: z is the surface normal and the view direction lies in the xz
 plane, v = (sin θ, 0, cos θ). An isotropic lobe needs no other frame. Components are separate tensors rather than a
@@ -83,6 +83,34 @@ def blur(
     weights = tap_weights().to(r)
     taps = radiance(tap_directions(r, rho))
     return torch.einsum("i,j,...ijc->...c", weights.to(taps), weights.to(taps), taps)
+
+
+def gaussian_offsets(samples: int, seed: int, like: Tensor) -> Float[Tensor, "2 s 2"]:
+    """Two independent sets of points of a normal distribution of unit variance, by scrambled Sobol sequences.
+
+    Args:
+        samples: points in each set.
+        seed: of the scrambling.
+        like: a tensor of the dtype and device that are wanted.
+    """
+    sets = [torch.quasirandom.SobolEngine(2, scramble=True, seed=2 * seed + half) for half in (0, 1)]
+    uniform = torch.stack([each.draw(samples, dtype=torch.float64) for each in sets])
+    inside = torch.finfo(torch.float32).eps  # the scrambled sequence may meet 0, whose normal point is infinite
+    return torch.special.ndtri(uniform.clamp(inside, 1 - inside)).to(like)
+
+
+def gaussian_directions(r: Float[Tensor, "p 3"], offsets: Float[Tensor, "s 2"], rho: float) -> Float[Tensor, "p s 3"]:
+    """normalise(r + σ(xK_H + yK_V)) with σ = ρ/2: of these the 49 taps are a coarse, cut-off quadrature [MODEL.md 3.1].
+
+    Args:
+        r: unit directions.
+        offsets: x, y of `gaussian_offsets`.
+        rho: ρ, blur radius >= 0.
+    """
+    k_h, k_v = tap_axes(r)
+    x, y = (rho / 2 * offsets).unbind(-1)
+    spread = x[:, None] * k_h[:, None] + y[:, None] * k_v[:, None]
+    return torch.nn.functional.normalize(r[:, None] + spread, dim=-1)
 
 
 def light_reflection(

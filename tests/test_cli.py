@@ -38,7 +38,7 @@ TOP = "format status message materials quality exposure model effects time input
 PARAMETERS = "n k f0 alpha roughness color reflectance"
 MATERIAL = f"name type {PARAMETERS} stderr interval95 determined nearest from_prior"
 QUALITY = "rms_relative psnr ssim"
-MODEL = "fidelity reflectance lobe samples pixels dtype"
+MODEL = "fidelity reflectance lobe samples pixels dtype levels environment_size"
 TIME = "load prepare solve report total"
 EFFECTS = """reflection blur horizon light-reflection diffuse-irradiance energy-guard normal-map color-map
     ambient-occlusion double-bounce captured-neighbours depth-scaled-blur self-visibility interreflection

@@ -13,7 +13,7 @@ from fitter.catalogue import metal
 from fitter.curves import Curve, reflectance_curve
 from fitter.parameters import Interval, MetalCoordinates
 from fitter.pictures import LONGEST_SIDE, comparison_png, tiles
-from fitter.pixel_model import exact_reflectance, viewer_reflectance
+from fitter.reflectances import exact_reflectance, viewer_reflectance
 from fitter.report import ViewPictures, render_report
 from fitter.result import Determined, FittedMaterial, FromPrior, Nearest, Quality, Share
 from fitter.uncertainty import Spread

@@ -91,7 +91,8 @@ def test_keys_are_the_contracts(tmp_path):
     assert material["stderr"]["n"] == [0.02, 0.04, None]
     assert material["interval95"]["alpha"] == [0.198, 0.202]
     assert set(data["quality"]["overall"]) == {"rms_relative", "psnr", "ssim"}
-    assert set(data["model"]) == {"fidelity", "reflectance", "lobe", "samples", "pixels", "dtype"}
+    named = {"levels", "environment_size"}
+    assert set(data["model"]) == {"fidelity", "reflectance", "lobe", "samples", "pixels", "dtype"} | named
     assert set(data["time"]) == {"load", "prepare", "solve", "report", "total"}
 
 

@@ -13,7 +13,7 @@ from fitter.mixture import Borrowed, TooFar
 from fitter.result import Determined, FittedMaterial, FromPrior, Intervals, Share
 from fitter.verdicts import Seen, on_the_prior, verdicts
 
-GOOD = Seen(pixels=4000, grazing=900, steepest=88.2, noise=(0.011, 0.012, 0.013), viewers=False)
+GOOD = Seen(pixels=4000, grazing=900, steepest=88.2, noise=(0.011, 0.012, 0.013), f0_only=False)
 RED_OPEN = Determined(n=(True, True, True), k=(False, True, True), f0=(True, True, True), alpha=True)
 
 
@@ -44,7 +44,7 @@ def material(f0=0.7, **changes) -> FittedMaterial:
             "F0 is near 1, where the curve hardly shows n and k, and photographs and fit differ by 1.1 % a pixel"
             " beyond 60°",
         ),
-        (0.7, replace(GOOD, viewers=True), "the viewer's model sees F0 only"),
+        (0.7, replace(GOOD, f0_only=True), "the reflectance fitted with sees F0 only"),
     ],
 )
 def test_the_reason_is_the_fits_own(f0, seen, reason):
