@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -11,6 +11,7 @@ from jaxtyping import Bool, Float, Int
 from torch import Tensor
 
 from fitter.photographs import Photograph
+from fitter.sampled_view import strata
 from renderer import gbuffer
 from renderer.errors import InputError
 from renderer.footprint import is_smooth
@@ -19,6 +20,7 @@ from renderer.visibility import hidden_share, sees_itself
 
 ANGLE_BINS = 16
 FEWEST = 8  # one in so many of a photograph's pixels is taken, even if it mirrors the object
+MANY = 1 << 20  # pixels of a photograph that are shuffled as a whole
 CANDIDATES = 4  # per pixel that is wanted, so that the rare grazing ones are among them
 
 
@@ -49,6 +51,7 @@ def choose_pixels(
     footprint: int,
     seed: int,
     materials: int = 1,
+    progress: Callable[[float], None] = lambda share: None,
 ) -> list[Observations | None]:
     """At most `count` pixels of each material, spread evenly over the angles at which the surface is seen.
 
@@ -64,6 +67,7 @@ def choose_pixels(
         footprint: rays along each side of a pixel.
         seed: of the choice among many.
         materials: how many the object has.
+        progress: told the share of the photographs that is done.
 
     Returns:
         for each material its pixels; None where no photograph has any.
@@ -75,6 +79,7 @@ def choose_pixels(
     quota = -(-count // len(photographs))
     parts: list[list[Observations]] = [[] for _ in range(materials)]
     for i, photograph in enumerate(photographs):
+        progress(i / len(photographs))
         place = (scene_file, f"photographs[{i}].camera")
         candidates = _candidates(photograph, trace, place, CANDIDATES * quota * materials, generator)
         found = [_observe(photograph, trace, candidates, index, quota, footprint) for index in range(materials)]
@@ -111,11 +116,23 @@ class _Candidates:
 def _candidates(
     photograph: Photograph, trace: Tracer, place: tuple[Path, str], most: int, generator: torch.Generator
 ) -> _Candidates:
-    pixels = photograph.mask.nonzero()
-    pixels = pixels[torch.randperm(len(pixels), generator=generator)[:most]]
+    inside, width = photograph.mask.flatten().nonzero()[:, 0], photograph.mask.shape[1]
+    inside = inside[_drawn(len(inside), most, generator)]
+    pixels = torch.stack([inside // width, inside % width], 1)
     centres = gbuffer.pixel_footprints(trace, photograph.camera, pixels[:, 1], pixels[:, 0], 1)[:, 0]
     _require_front(centres, place)
     return _Candidates(pixels[centres.front], centres[centres.front])
+
+
+def _drawn(count: int, most: int, generator: torch.Generator) -> Int[Tensor, " c"]:
+    """At most so many different indices below `count`, by chance and in any order.
+
+    To order millions takes longer than to read them: of many, one is drawn from each of equal parts.
+    """
+    if count <= MANY:
+        return torch.randperm(count, generator=generator)[:most]
+    drawn = strata(count, most, generator)
+    return drawn[torch.randperm(len(drawn), generator=generator)]
 
 
 def _observe(
