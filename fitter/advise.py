@@ -65,11 +65,11 @@ def advise(
             status = status_of([part.choice for part in parts], found)
         else:
             found, status = result.materials, result.status
-        cameras = [photograph.camera for photograph in loaded.photographs]
+        cameras = [thumbnail.camera for thumbnail in loaded.photographs.thumbnails]
         places = viewpoints(cameras, [photograph.camera for photograph in loaded.scene.photographs], loaded.shape)
         observer = Observer(trace, setting, loaded.photographs, loaded.materials, progress)
         prospects = observer.prospects(found, [place.camera for place in places])
-    advice = advice_of(prospects, places, [photograph.name for photograph in loaded.photographs])
+    advice = advice_of(prospects, places, [thumbnail.name for thumbnail in loaded.photographs.thumbnails])
     return advice if status != "stopped" else advice.model_copy(update={"message": f"{DOUBT} {advice.message}"})
 
 

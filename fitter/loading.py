@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-from fitter.photographs import Photograph, read_photograph
+from fitter.album import Album
 from fitter.result import InputFile, MaterialType, sha256_of
 from renderer.environment import Environment, read_environment
 from renderer.errors import InputError
@@ -15,20 +15,26 @@ from renderer.scene import Scene, read_scene, read_shape
 
 @dataclass(frozen=True)
 class Loaded:
-    """Everything that was read.
+    """Everything that was read, but for the photographs, which are read when somebody looks at them.
 
     Attributes:
         name: of the output files: the mesh file's, or the shape's.
         materials: the names of the object's materials, in the mesh's order.
+        files: those that were read, without the photographs'.
     """
 
     scene: Scene
-    photographs: tuple[Photograph, ...]
+    photographs: Album
     shape: Shape
     environment: Environment
     name: str
     materials: tuple[str, ...]
-    inputs: tuple[InputFile, ...]
+    files: tuple[InputFile, ...]
+
+    @property
+    def inputs(self) -> tuple[InputFile, ...]:
+        """All files that are read, photographs and masks included."""
+        return self.files + tuple(file for each in self.photographs.thumbnails for file in each.inputs)
 
     def kind(self, material: str, wanted: str) -> MaterialType | None:
         """The type to fit a material with: the scene file's word, else the one that is wanted; None for "auto"."""
@@ -38,7 +44,7 @@ class Loaded:
 
 
 def load(scene_file: Path) -> Loaded:
-    """Read and check a scene with all its files.
+    """Read and check a scene with its mesh and its light; photographs are read and checked one by one, later.
 
     Raises:
         InputError: a file or field is wrong, or asks for what this version does not do.
@@ -47,11 +53,11 @@ def load(scene_file: Path) -> Loaded:
     _require_supported(scene, scene_file)
     shape = read_shape(scene.geometry)
     names = _material_names(scene, shape, scene_file)
-    photographs = tuple(read_photograph(spec, scene_file, i) for i, spec in enumerate(scene.photographs))
     light = scene.environment
     environment = read_environment(light.map, rotation=light.rotation, scale=light.scale)
     stem = scene.geometry.mesh.stem if scene.geometry.mesh else str(scene.geometry.shape)
-    return Loaded(scene, photographs, shape, environment, stem, names, _inputs(scene, scene_file))
+    photographs = Album.of_scene(scene.photographs, scene_file)
+    return Loaded(scene, photographs, shape, environment, stem, names, _files(scene, scene_file))
 
 
 def _material_names(scene: Scene, shape: Shape, scene_file: Path) -> tuple[str, ...]:
@@ -79,10 +85,9 @@ def _require_supported(scene: Scene, scene_file: Path) -> None:
             raise InputError(scene_file, f"photographs[{i}].exposure", '"fit"', expected)
 
 
-def _inputs(scene: Scene, scene_file: Path) -> tuple[InputFile, ...]:
+def _files(scene: Scene, scene_file: Path) -> tuple[InputFile, ...]:
     given = [scene_file, scene.cameras, scene.geometry.mesh]
     given += sorted(scene.environment.map.iterdir()) if scene.environment.map.is_dir() else [scene.environment.map]
-    given += [path for photograph in scene.photographs for path in (photograph.image, photograph.mask)]
     return tuple(
         InputFile(path=str(path), sha256=sha256_of(path)) for path in given if path is not None and path.is_file()
     )

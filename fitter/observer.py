@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import torch
@@ -68,8 +68,9 @@ class Observer:
     def prospects(self, found: Sequence[FittedMaterial], cameras: Sequence[Camera]) -> list[Prospect]:
         """How the errors of each material found would shrink by a photograph of each camera."""
         most = max(PIXELS // 2, min(FULL, TAKEN_PIXELS // len(self.photographs)))
-        taken = self._sampled([(photograph.camera, photograph.mask) for photograph in self.photographs], most)
-        imagined = self._sampled([(camera, None) for camera in cameras], PIXELS)
+        pictures = ((photograph.camera, photograph.mask) for photograph in self.photographs)
+        taken = self._sampled(pictures, len(self.photographs), most)
+        imagined = self._sampled(((camera, None) for camera in cameras), len(cameras), PIXELS)
         prospects = []
         for material in found:
             index = self.materials.index(material.name)
@@ -77,13 +78,13 @@ class Observer:
             prospects.append(self._prospect(material, *views))
         return prospects
 
-    def _sampled(self, pictures: Sequence[Picture], count: int) -> list[list[View]]:
-        """Pixels of each picture, by material."""
+    def _sampled(self, pictures: Iterable[Picture], number: int, count: int) -> list[list[View]]:
+        """Pixels of each of a number of pictures, by material."""
         generator = torch.Generator().manual_seed(self.setting.seed)
         footprint = min(FOOTPRINT, self.setting.fidelity.footprint)
         found = []
         for camera, mask in pictures:
-            self.progress("looking from all round", len(found) / len(pictures))
+            self.progress("looking from all round", len(found) / number)
             sampled = sampled_views(
                 self.trace,
                 camera,

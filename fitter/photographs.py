@@ -10,6 +10,7 @@ import torch
 from jaxtyping import Bool, Float
 from torch import Tensor
 
+from fitter.result import InputFile, sha256_of
 from renderer.camera import Camera
 from renderer.errors import InputError
 from renderer.images import Image, read_image
@@ -34,6 +35,7 @@ class Photograph:
         clipped: pixels left out because a channel of them or of a neighbour is near the largest code of an integer
             file.
         nonfinite: pixels left out only because a channel is NaN or infinite.
+        inputs: the files that it was read from.
     """
 
     name: str
@@ -43,6 +45,7 @@ class Photograph:
     exposure: float | Literal["fit"]
     clipped: int
     nonfinite: int
+    inputs: tuple[InputFile, ...] = ()
 
 
 def read_photograph(spec: PhotographSpec, scene_file: str | Path, index: int = 0) -> Photograph:
@@ -71,19 +74,27 @@ def read_photograph(spec: PhotographSpec, scene_file: str | Path, index: int = 0
     clipped = _clipped(image, radiance)
     usable = inside & finite & ~clipped
     factor = 1.0 if spec.exposure == "fit" else spec.exposure
-    wrong = _unusable(radiance / factor, inside & finite, usable)
+    radiance = torch.where(finite[..., None], radiance, 0.0) / factor
+    wrong = _unusable(radiance, inside & finite, usable)
     if wrong is not None:
         raise InputError(scene_file, f"{field}.image", f"{spec.image.name}{wrong[0]}", wrong[1])
     height, width = inside.shape
     return Photograph(
         name=spec.image.stem,
-        radiance=torch.where(finite[..., None], radiance, 0.0) / factor,
+        radiance=radiance,
         mask=usable,
         camera=camera_of(spec.camera, width, height),
         exposure=spec.exposure,
         clipped=int((inside & clipped).sum()),
         nonfinite=int((inside & ~finite).sum()),
+        inputs=_inputs(spec),
     )
+
+
+def _inputs(spec: PhotographSpec) -> tuple[InputFile, ...]:
+    """Image and mask; the system still has them in memory, so soon after they were read."""
+    given = [path for path in (spec.image, spec.mask) if path is not None]
+    return tuple(InputFile(path=str(path), sha256=sha256_of(path)) for path in given)
 
 
 def _unusable(
@@ -108,17 +119,20 @@ def _clipped(image: Image, radiance: Float[Tensor, "h w 3"]) -> Bool[Tensor, "h 
     if image.white is None:
         return torch.zeros(radiance.shape[:2], dtype=torch.bool)
     reach = BLOCK if image.lossy else 1
-    white = (radiance >= image.white).any(-1)[None, None].float()
-    # a dilation; kornia's would hold 17 × 17 copies of the picture
-    return torch.nn.functional.max_pool2d(white, 2 * reach + 1, stride=1, padding=reach)[0, 0] > 0
+    return _dilated((radiance >= image.white).any(-1), reach)
 
 
 def _mask(path: Path, size: torch.Size, scene_file: str | Path, field: str) -> Bool[Tensor, "h w"]:
     """White pixels of a mask file that have only white neighbours: a drawn border may be half covered."""
-    from kornia.morphology import erosion
-
     white = torch.from_numpy(read_image(path, "linear").radiance).mean(-1) > 0.5
     if white.shape != size:
         found = f"{path.name} with {white.shape[1]} × {white.shape[0]} pixels"
         raise InputError(scene_file, field, found, f"the photograph's {size[1]} × {size[0]} pixels")
-    return erosion(white.float()[None, None], torch.ones(3, 3))[0, 0] > 0.5
+    return ~_dilated(~white, 1)
+
+
+def _dilated(mask: Bool[Tensor, "h w"], reach: int) -> Bool[Tensor, "h w"]:
+    """Pixels with a masked one at most `reach` rows and columns away."""
+    from scipy.ndimage import maximum_filter  # its time does not grow with the reach, nor its memory
+
+    return torch.from_numpy(maximum_filter(mask.numpy(), 2 * reach + 1, mode="constant"))

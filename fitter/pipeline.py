@@ -133,7 +133,7 @@ def fit_scene(
         if options.polish:
             parts = _polished_parts(loaded, parts, setting, options, progress)
         solving = sum(part.choice.fit.solve_seconds for part in parts)
-        clock = _Clock(began, read, time.perf_counter(), solving)
+        clock = _Clock(began, read, time.perf_counter(), loaded.photographs.seconds, solving)
         progress("writing the report", 0)
         views = _views(loaded, trace, parts, setting)
         result = _result(loaded, parts, setting, views, clock)
@@ -168,6 +168,7 @@ def fit_parts(
         footprint=setting.fidelity.footprint,
         seed=options.seed,
         materials=len(loaded.materials),
+        progress=lambda share: progress("choosing pixels", share),
     )
     parts = []
     for index, (name, observed) in enumerate(zip(loaded.materials, chosen, strict=True)):
@@ -218,19 +219,20 @@ def _part(index: int, name: str, observed: Observations, choice: Choice, setting
 
 @dataclass(frozen=True)
 class _Clock:
-    """When the stages ended, by `time.perf_counter()`, and the seconds of the second that solvers took."""
+    """When the stages ended, by `time.perf_counter()`; of the second the seconds of reading photographs, of solving."""
 
     began: float
     read: float
     fitted: float
+    photographs: float
     solving: float
 
     def now(self) -> Time:
         """The result's times, up to now."""
         now = time.perf_counter()
         return Time(
-            load=self.read - self.began,
-            prepare=self.fitted - self.read - self.solving,
+            load=self.read - self.began + self.photographs,
+            prepare=self.fitted - self.read - self.photographs - self.solving,
             solve=self.solving,
             report=now - self.fitted,
             total=now - self.began,
@@ -260,7 +262,8 @@ def _curve(part: FittedPart, setting: Setting) -> Curve | None:
 
 def _remarks(loaded: Loaded, parts: Sequence[FittedPart], fidelity: Fidelity) -> list[str]:
     """What of the input was left out or replaced, and what the model cannot follow, a sentence each."""
-    clipped, nonfinite = (sum(getattr(p, key) for p in loaded.photographs) for key in ("clipped", "nonfinite"))
+    seen = loaded.photographs.thumbnails
+    clipped, nonfinite = (sum(getattr(each, key) for each in seen) for key in ("clipped", "nonfinite"))
     counts = [
         (loaded.environment.repaired, "texels of the environment were negative or not finite and were replaced"),
         (clipped, "clipped pixels of the photographs were left out"),
@@ -288,7 +291,7 @@ def _message(loaded: Loaded, parts: Sequence[FittedPart], fidelity: Fidelity) ->
 
 
 def _views(loaded: Loaded, trace: Tracer, parts: Sequence[FittedPart], setting: Setting) -> list[ViewPictures]:
-    """Each photograph beside the fitted materials' picture of the same pixels."""
+    """Each photograph's thumbnail beside the fitted materials' picture of the same pixels."""
     fidelity = setting.fidelity
 
     def shade(surface: GBuffer) -> torch.Tensor:
@@ -303,13 +306,12 @@ def _views(loaded: Loaded, trace: Tracer, parts: Sequence[FittedPart], setting: 
         return radiance
 
     views = []
-    for photograph in loaded.photographs:
+    for seen in loaded.photographs.thumbnails:
         footprint = min(fidelity.footprint, SHOWN_FOOTPRINT)
-        picture = draw(trace, photograph.camera, photograph.mask, footprint, shade)
-        seen = photograph.radiance[:: picture.step, :: picture.step]
-        exposure = 1.0 if photograph.exposure == "fit" else photograph.exposure
-        shown = [(radiance * exposure).numpy() for radiance in (seen, picture.radiance)]
-        views.append(ViewPictures(photograph.name, shown[0], shown[1], picture.mask.numpy()))
+        picture = draw(trace, seen.camera, seen.mask, seen.step, footprint, shade)
+        exposure = 1.0 if seen.exposure == "fit" else seen.exposure
+        shown = [(radiance * exposure).numpy() for radiance in (seen.radiance, picture.radiance)]
+        views.append(ViewPictures(seen.name, shown[0], shown[1], picture.mask.numpy()))
     return views
 
 
@@ -317,7 +319,7 @@ def _result(
     loaded: Loaded, parts: Sequence[FittedPart], setting: Setting, views: Sequence[ViewPictures], clock: _Clock
 ) -> Result:
     fidelity, materials = setting.fidelity, tuple(part.material for part in parts)
-    exposure = [1.0 if p.exposure == "fit" else p.exposure for p in loaded.photographs]
+    exposure = [1.0 if p.exposure == "fit" else p.exposure for p in loaded.photographs.thumbnails]
     types = {material.type for material in materials}
     self_seeing = sum(part.observed.self_seeing for part in parts) / len(parts)
     polish = any(part.polish is not None for part in parts)

@@ -63,7 +63,7 @@ def sampled_views(
         generator: of the choice.
     """
     total = camera.width * camera.height if allowed is None else int(allowed.sum())
-    chosen = _strata(total, LOOKED_AT, generator)
+    chosen = strata(total, LOOKED_AT, generator)
     pixels = _pixel(chosen, camera.width) if allowed is None else allowed.nonzero()[chosen]
     centres = gbuffer.pixel_footprints(trace, camera, pixels[:, 1], pixels[:, 0], 1)[:, 0]
     picture = _Picture(trace, camera, allowed is None, footprint, generator)
@@ -114,7 +114,7 @@ def _share(kept: Bool[Tensor, " p"], centres: GBuffer) -> Float[Tensor, " bins"]
     return histogram(angle_bin[kept]) / histogram(angle_bin).clamp_min(1)
 
 
-def _strata(total: int, most: int, generator: torch.Generator) -> Int[Tensor, " c"]:
+def strata(total: int, most: int, generator: torch.Generator) -> Int[Tensor, " c"]:
     """Different indices below `total`, one at random from each of at most `most` equal parts."""
     if total <= most:
         return torch.arange(total)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -11,6 +11,7 @@ from jaxtyping import Bool, Float, Int
 from torch import Tensor
 
 from fitter.photographs import Photograph
+from fitter.sampled_view import strata
 from renderer import gbuffer
 from renderer.errors import InputError
 from renderer.footprint import FEW, is_smooth
@@ -20,6 +21,7 @@ from renderer.visibility import hidden_share, sees_itself
 ANGLE_BINS = 16
 FEWEST = 8  # one in so many of a photograph's pixels is taken, even if it mirrors the object
 EDGED = 7  # rays along a pixel's side at least where most pixels have an edge inside: a fiftieth of its area each
+MANY = 1 << 20  # pixels of a photograph that are shuffled as a whole
 CANDIDATES = 4  # per pixel that is wanted, so that the rare grazing ones are among them
 
 
@@ -54,6 +56,7 @@ def choose_pixels(
     footprint: int,
     seed: int,
     materials: int = 1,
+    progress: Callable[[float], None] = lambda share: None,
 ) -> list[Observations | None]:
     """At most `count` pixels of each material, spread evenly over the angles at which the surface is seen.
 
@@ -70,6 +73,7 @@ def choose_pixels(
             just few rays are wanted.
         seed: of the choice among many.
         materials: how many the object has.
+        progress: told the share of the photographs that is done.
 
     Returns:
         for each material its pixels; None where no photograph has any.
@@ -77,35 +81,25 @@ def choose_pixels(
     Raises:
         InputError: a camera sees nothing of the object where its mask is, or sees it from inside.
     """
-    found = _of_all(photographs, trace, scene_file, count, footprint, seed, materials)
-    edged = any(part is not None and part.edged for part in found)
-    if edged and FEW <= footprint**2 < EDGED**2:
-        return _of_all(photographs, trace, scene_file, count, EDGED, seed, materials)
-    return found
-
-
-def _of_all(
-    photographs: Sequence[Photograph],
-    trace: Tracer,
-    scene_file: Path,
-    count: int,
-    footprint: int,
-    seed: int,
-    materials: int,
-) -> list[Observations | None]:
-    """`choose_pixels`, with that many rays."""
-    generator = torch.Generator().manual_seed(seed)
     quota = -(-count // len(photographs))
-    parts: list[list[Observations]] = [[] for _ in range(materials)]
-    for i, photograph in enumerate(photographs):
-        place = (scene_file, f"photographs[{i}].camera")
-        candidates = _candidates(photograph, trace, place, CANDIDATES * quota * materials, generator)
-        found = [_observe(photograph, trace, candidates, index, quota, footprint) for index in range(materials)]
-        if not any(found):
-            raise InputError(*place, value="", expected="a pixel that the object covers wholly; come nearer")
-        for part, each in zip(parts, found, strict=True):
-            part += [each] if each is not None else []
-    return [_joined(part, count) for part in parts]
+
+    def with_rays(along_side: int) -> list[Observations | None]:
+        generator = torch.Generator().manual_seed(seed)
+        parts: list[list[Observations]] = [[] for _ in range(materials)]
+        for i, photograph in enumerate(photographs):
+            progress(i / len(photographs))
+            place = (scene_file, f"photographs[{i}].camera")
+            candidates = _candidates(photograph, trace, place, CANDIDATES * quota * materials, generator)
+            found = [_observe(photograph, trace, candidates, index, quota, along_side) for index in range(materials)]
+            if not any(found):
+                raise InputError(*place, value="", expected="a pixel that the object covers wholly; come nearer")
+            for part, each in zip(parts, found, strict=True):
+                part += [each] if each is not None else []
+        return [_joined(part, count) for part in parts]
+
+    chosen = with_rays(footprint)
+    edged = any(part is not None and part.edged for part in chosen)
+    return with_rays(EDGED) if edged and FEW <= footprint**2 < EDGED**2 else chosen
 
 
 def _joined(parts: list[Observations], count: int) -> Observations | None:
@@ -143,13 +137,24 @@ class _Candidates:
 def _candidates(
     photograph: Photograph, trace: Tracer, place: tuple[Path, str], most: int, generator: torch.Generator
 ) -> _Candidates:
-    pixels = photograph.mask.nonzero()
-    count = len(pixels)
-    pixels = pixels[torch.randperm(count, generator=generator)[:most]]
-    share = len(pixels) / max(1, count)
+    inside, width = photograph.mask.flatten().nonzero()[:, 0], photograph.mask.shape[1]
+    drawn = inside[_drawn(len(inside), most, generator)]
+    share = len(drawn) / max(1, len(inside))
+    pixels = torch.stack([drawn // width, drawn % width], 1)
     centres = gbuffer.pixel_footprints(trace, photograph.camera, pixels[:, 1], pixels[:, 0], 1)[:, 0]
     _require_front(centres, place)
     return _Candidates(pixels[centres.front], centres[centres.front], share)
+
+
+def _drawn(count: int, most: int, generator: torch.Generator) -> Int[Tensor, " c"]:
+    """At most so many different indices below `count`, by chance and in any order.
+
+    To order millions takes longer than to read them: of many, one is drawn from each of equal parts.
+    """
+    if count <= MANY:
+        return torch.randperm(count, generator=generator)[:most]
+    drawn = strata(count, most, generator)
+    return drawn[torch.randperm(len(drawn), generator=generator)]
 
 
 def _observe(

@@ -41,7 +41,8 @@ def write_bytes_atomically(path: str | Path, data: bytes) -> None:
 def replaced_together(directory: str | Path, *, last: str = "result.json", option: str = "-o") -> Iterator[Path]:
     """Lend a temporary folder whose files replace those of `directory` when the block ends well.
 
-    If the block raises anything, KeyboardInterrupt included, `directory` keeps every file it had.
+    If the block raises anything, KeyboardInterrupt included, `directory` keeps every file it had; one that was made for
+    it goes again.
 
     Args:
         directory: the folder to fill, made if it is not there. Files with other names are left alone.
@@ -55,12 +56,16 @@ def replaced_together(directory: str | Path, *, last: str = "result.json", optio
         InputError: `directory` is not a folder that can be written, or a folder stands where a file goes.
     """
     directory = Path(directory)
+    new = not directory.exists()
     temporary = _folder_inside(directory, option)
     try:
         yield temporary
         _move_files(temporary, directory, last, option)
     finally:
         shutil.rmtree(temporary, ignore_errors=True)
+        if new:
+            with suppress(OSError):  # it is not empty: all went well
+                directory.rmdir()
 
 
 def _folder_inside(directory: Path, option: str) -> Path:

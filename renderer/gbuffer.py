@@ -16,6 +16,8 @@ from renderer.camera import Camera
 from renderer.mesh import Mesh, Shape, Sphere
 from renderer.tangents import tangents
 
+RAYS = 1 << 20  # traced at a time
+
 
 @dataclass(frozen=True)
 class GBuffer:
@@ -76,7 +78,19 @@ def concatenate(buffers: list[GBuffer]) -> GBuffer:
 
 def tracer(shape: Shape) -> Tracer:
     """A function from rays (origins, unit directions, float64 [p, 3]) to the G-buffer of their nearest hits."""
-    return _trace_sphere if isinstance(shape, Sphere) else _mesh_tracer(shape)
+    return _in_blocks(_trace_sphere if isinstance(shape, Sphere) else _mesh_tracer(shape))
+
+
+def _in_blocks(trace: Tracer) -> Tracer:
+    """The same for any number of rays, in memory for `RAYS` of them beside their G-buffer."""
+
+    def traced(origins: Float[Tensor, "p 3"], directions: Float[Tensor, "p 3"]) -> GBuffer:
+        if len(origins) <= RAYS:
+            return trace(origins, directions)
+        blocks = zip(origins.split(RAYS), directions.split(RAYS), strict=True)
+        return concatenate([trace(*block) for block in blocks])
+
+    return traced
 
 
 def pixel_centres(trace: Tracer, camera: Camera) -> GBuffer:

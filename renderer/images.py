@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float, Num
+from jaxtyping import Float, Num, UInt
 
 from renderer.atomic import replaced_together
 from renderer.errors import InputError
@@ -64,14 +64,13 @@ def decoded(samples: Samples, path: Path, encoding: str | None = None) -> Image:
     """Samples as a file stores them, unsigned integers or floats, as linear radiance; see `read_image`."""
     if samples.ndim not in (2, 3) or 0 in samples.shape or samples.shape[2:] not in ((), (1,), (2,), (3,), (4,)):
         raise InputError(path, "shape", list(samples.shape), "[height, width] or [height, width, 1 to 4 channels]")
-    integer = samples.dtype.kind == "u"
-    values = samples.astype(np.float32) / (np.iinfo(samples.dtype).max if integer else 1)
-    values = values.reshape(*values.shape[:2], -1)
-    colour, alpha = _split_alpha(values)
-    encoding = encoding or ("srgb" if integer else "linear")
-    lossy = path.suffix.lower() in LOSSY
-    white = _white(LOSSY_WHITE if lossy else WHITE, encoding, path) if integer else None
-    return Image(_decode(colour, encoding, path), alpha, white, lossy)
+    colour, alpha = _split_alpha(samples.reshape(*samples.shape[:2], -1))
+    coverage = None if alpha is None else _values(alpha)
+    if samples.dtype.kind != "u":
+        return Image(_decode(_values(colour), encoding or "linear", path), coverage)
+    encoding, lossy = encoding or "srgb", path.suffix.lower() in LOSSY
+    white = _white(LOSSY_WHITE if lossy else WHITE, encoding, path)
+    return Image(_decode_codes(colour, encoding, path), coverage, white, lossy)
 
 
 def write_exr(path: str | Path, pixels: Float[np.ndarray, "h w c"]) -> None:
@@ -118,11 +117,12 @@ def _read_exr(path: Path) -> Samples:
         header = file.header()
         if any(np.any(a != b) for a, b in zip(header["dataWindow"], header["displayWindow"], strict=True)):
             raise InputError(path, "dataWindow", "unlike displayWindow", "the whole picture, neither cropped nor more")
-        channels = {name: np.array(channel.pixels, np.float32) for name, channel in file.channels().items()}
-    colour = next((names for names in (("R", "G", "B"), ("Y",)) if channels.keys() >= set(names)), None)
-    if colour is None or {"RY", "BY"} & channels.keys():
-        raise InputError(path, "channels", " ".join(channels), "R G B or Y, with or without A")
-    return np.stack([channels[name] for name in (*colour, *({"A"} & channels.keys()))], -1)
+        channels = {name: channel.pixels for name, channel in file.channels().items()}
+        colour = next((names for names in (("R", "G", "B"), ("Y",)) if channels.keys() >= set(names)), None)
+        if colour is None or {"RY", "BY"} & channels.keys():
+            raise InputError(path, "channels", " ".join(channels), "R G B or Y, with or without A")
+        named = [channels[name] for name in (*colour, *({"A"} & channels.keys()))]
+        return np.stack(named, -1, dtype=np.float32, casting="unsafe")  # from integers, too
 
 
 def _open_exr(path: Path) -> Any:
@@ -212,9 +212,15 @@ _READERS: dict[str, Callable[[Path], Samples]] = {
 FORMATS = tuple(_READERS)
 
 
+def _values(samples: Samples) -> Float[np.ndarray, "h w *c"]:
+    """Samples as floats, of which the largest integer code is 1."""
+    values = samples.astype(np.float32, copy=False)
+    return values / np.float32(np.iinfo(samples.dtype).max) if samples.dtype.kind == "u" else values
+
+
 def _split_alpha(
-    values: Float[np.ndarray, "h w c"],
-) -> tuple[Float[np.ndarray, "h w 3"], Float[np.ndarray, "h w"] | None]:
+    values: Num[np.ndarray, "h w c"],
+) -> tuple[Num[np.ndarray, "h w 3"], Num[np.ndarray, "h w"] | None]:
     """Colour, grey repeated thrice, and the alpha channel, which is the last of two or four."""
     channels = values.shape[2]
     alpha = values[..., -1] if channels in (2, 4) else None
@@ -230,6 +236,14 @@ def _decode(colour: Float[np.ndarray, "h w 3"], encoding: str, path: Path) -> Fl
     if match[1]:
         return np.sign(colour) * np.abs(colour) ** np.float32(match[1])
     return colour if encoding == "linear" else _srgb_to_linear(colour)
+
+
+def _decode_codes(colour: UInt[np.ndarray, "h w 3"], encoding: str, path: Path) -> Float[np.ndarray, "h w 3"]:
+    """The same of integers: where they have fewer codes than a picture pixels, each code is decoded once."""
+    if colour.dtype.itemsize > 2 or colour.size < (count := np.iinfo(colour.dtype).max + 1):
+        return _decode(_values(colour), encoding, path)
+    codes = np.arange(count, dtype=colour.dtype)
+    return _decode(np.repeat(_values(codes)[None, :, None], 3, axis=2), encoding, path)[0, :, 0][colour]
 
 
 def _white(share: float, encoding: str, path: Path) -> float:

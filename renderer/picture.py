@@ -18,23 +18,22 @@ LARGEST_SIDE = 320  # pixels shown along a side; of larger photographs every sec
 
 @dataclass(frozen=True)
 class Picture:
-    """Every `step`-th pixel of a photograph, in both directions.
+    """What was drawn of a photograph's pixels.
 
     Attributes:
         radiance: [h, w, 3], float32; 0 outside the mask.
         mask: where the object was drawn.
-        step: distance between drawn pixels.
     """
 
     radiance: Float[Tensor, "h w 3"]
     mask: Bool[Tensor, "h w"]
-    step: int
 
 
 def draw(
     trace: Tracer,
     camera: Camera,
-    wanted: Bool[Tensor, "height width"],
+    wanted: Bool[Tensor, "h w"],
+    step: int,
     footprint: int,
     shade: Callable[[GBuffer], Float[Tensor, "p 3"]],
 ) -> Picture:
@@ -43,12 +42,12 @@ def draw(
     Args:
         trace: of the object.
         camera: the photograph's.
-        wanted: pixels to draw.
+        wanted: which of every `step`-th pixel to draw, in both directions.
+        step: distance between the pixels.
         footprint: rays along each side of a pixel.
         shade: from rays [p, k] inside each pixel to its radiance.
     """
-    step = -(-max(wanted.shape) // LARGEST_SIDE)
-    mask = wanted[::step, ::step].clone()
+    mask = wanted.clone()
     row, column = mask.nonzero().T
     surface = gbuffer.pixel_footprints(trace, camera, column * step, row * step, footprint)
     whole = surface.front.all(-1)
@@ -56,4 +55,4 @@ def draw(
     radiance = torch.zeros(*mask.shape, 3)
     if whole.any():
         radiance[row[whole], column[whole]] = shade(surface[whole]).float().cpu()
-    return Picture(radiance, mask, step)
+    return Picture(radiance, mask)

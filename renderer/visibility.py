@@ -17,6 +17,7 @@ from shaders import lobe
 # 0.05, n and k come out tens of standard errors off if only what a lobe of 0.1 shows of the object is left out.
 WIDE = 0.4
 ROUNDS = (4, 12, 48)  # directions asked in turn, of those whose earlier ones are all free
+BLOCK = 1 << 14  # points at a time, which bounds the memory for their directions
 OFF = 1e-4  # of the size of what is seen, by which rays start off their own facet
 
 
@@ -32,9 +33,10 @@ def sees_itself(trace: Tracer, surface: GBuffer) -> Bool[Tensor, " p"]:
         surface: points on its front, [p].
     """
     found, surface = torch.zeros(len(surface.hit), dtype=torch.bool), _lifted(surface)
-    for u1, u2 in _points(len(found)):
+    shift, rounds = _points(len(found))
+    for points in rounds:
         free = ~found
-        found[free] = _met(trace, surface[free], u1[free], u2[free]).any(-1)
+        found[free] = _met(trace, surface[free], shift[:, free], points).any(-1)
         if not found.any():
             break
     return found
@@ -42,8 +44,8 @@ def sees_itself(trace: Tracer, surface: GBuffer) -> Bool[Tensor, " p"]:
 
 def hidden_share(trace: Tracer, surface: GBuffer) -> Float[Tensor, " p"]:
     """The share of the 64 directions of `sees_itself` that meet the object, in [0, 1]; all are asked."""
-    surface = _lifted(surface)
-    return torch.cat([_met(trace, surface, u1, u2) for u1, u2 in _points(len(surface.hit))], 1).double().mean(-1)
+    surface, (shift, rounds) = _lifted(surface), _points(len(surface.hit))
+    return torch.cat([_met(trace, surface, shift, points) for points in rounds], 1).double().mean(-1)
 
 
 def _lifted(surface: GBuffer) -> GBuffer:
@@ -54,16 +56,25 @@ def _lifted(surface: GBuffer) -> GBuffer:
     return replace(surface, position=surface.position + OFF * extent * surface.geometric_normal)
 
 
-def _points(count: int) -> list[tuple[Float[Tensor, "p s"], Float[Tensor, "p s"]]]:
-    """For each round the Sobol points of `count` places, each with a shift of its own [Cranley & Patterson 1976]."""
+def _points(count: int) -> tuple[Float[Tensor, "2 p 1"], tuple[Float[Tensor, "2 1 s"], ...]]:
+    """A shift for each of `count` places, and Sobol points for each round [Cranley & Patterson 1976]."""
     shift = torch.rand(2, count, 1, generator=torch.Generator().manual_seed(0))
     points = torch.quasirandom.SobolEngine(2, scramble=True, seed=0).draw(sum(ROUNDS)).T[:, None]
-    u1, u2 = (points + shift) % 1
-    return list(zip(u1.split(ROUNDS, 1), u2.split(ROUNDS, 1), strict=True))
+    return shift, points.split(ROUNDS, 2)
 
 
-def _met(trace: Tracer, surface: GBuffer, u1: Float[Tensor, "p s"], u2: Float[Tensor, "p s"]) -> Bool[Tensor, "p s"]:
-    """Which directions meet the object.
+def _met(
+    trace: Tracer, surface: GBuffer, shift: Float[Tensor, "2 p 1"], points: Float[Tensor, "2 1 s"]
+) -> Bool[Tensor, "p s"]:
+    """Which directions meet the object, some points of the surface at a time."""
+    blocks = [slice(first, first + BLOCK) for first in range(0, max(1, len(surface.hit)), BLOCK)]
+    return torch.cat([_met_at_once(trace, surface[part], *(points + shift[:, part]) % 1) for part in blocks])
+
+
+def _met_at_once(
+    trace: Tracer, surface: GBuffer, u1: Float[Tensor, "p s"], u2: Float[Tensor, "p s"]
+) -> Bool[Tensor, "p s"]:
+    """The same of all points.
 
     Those below the geometric horizon are not asked: the surface at the point itself would hide them.
     """

@@ -75,6 +75,12 @@ def test_what_breaks_off_the_block_leaves_the_old_files(tmp_path, exception):
     assert names(tmp_path) == ["result.json"]
 
 
+def test_a_folder_made_for_a_block_that_breaks_off_goes_again(tmp_path):
+    with pytest.raises(ValueError), replaced_together(tmp_path / "a"):  # noqa: PT011 — the block's own
+        raise ValueError
+    assert names(tmp_path) == []
+
+
 def test_a_missing_folder_is_made(tmp_path):
     with replaced_together(tmp_path / "a" / "b") as folder:
         (folder / "x").write_text("x")

@@ -8,6 +8,7 @@ import pytest
 import torch
 import trimesh
 
+from renderer import gbuffer
 from renderer.camera import Camera, look_at
 from renderer.errors import InputError
 from renderer.gbuffer import concatenate, pixel_centres, pixel_footprints, tracer
@@ -246,6 +247,18 @@ def test_buffers_are_joined_in_order():
     joined = concatenate([one, other])
     torch.testing.assert_close(joined.normal, torch.cat([one.normal, other.normal]))
     torch.testing.assert_close(joined[len(one.hit) :].view, other.view)
+
+
+@pytest.mark.parametrize("shape", [Sphere(), icosphere(2)], ids=["sphere", "mesh"])
+def test_rays_in_blocks_meet_what_all_at_once_meet(shape, monkeypatch):
+    trace, asked = tracer(shape), []
+    whole = pixel_centres(trace, CAMERAS["perspective"])
+    monkeypatch.setattr(gbuffer, "RAYS", 100)
+    monkeypatch.setattr(gbuffer, "concatenate", lambda parts: asked.extend(parts) or concatenate(parts))
+    found = pixel_centres(trace, CAMERAS["perspective"])
+    assert [len(part.hit) for part in asked] == [100, 100, 100, 100, 80]
+    for field in dataclasses.fields(whole):
+        assert torch.equal(getattr(found, field.name), getattr(whole, field.name)), field.name
 
 
 def test_rays_one_by_one_meet_what_all_at_once_meet(monkeypatch):

@@ -141,6 +141,19 @@ def test_sixteen_bits_stay_sixteen_bits(tmp_path, suffix):
     np.testing.assert_allclose(read_image(path, "gamma:2.2").radiance, expected**2.2, atol=1e-6)
 
 
+@pytest.mark.parametrize("bits", [8, 16])
+def test_pictures_with_more_samples_than_codes_are_decoded_alike(tmp_path, bits):
+    """Every code there is, in a picture large enough for a table of them."""
+    samples = np.arange(2**bits, dtype=f"uint{bits}").reshape(-1, 2 ** (bits // 2), 1).repeat(3, 2)
+    samples[..., 1] = samples[::-1, :, 1]
+    tifffile.imwrite(tmp_path / "a.tif", samples)
+    expected = samples / (2**bits - 1)
+    for encoding, curve in (("srgb", srgb_to_linear), ("linear", lambda x: x), ("gamma:2.2", lambda x: x**2.2)):
+        found = read_image(tmp_path / "a.tif", encoding).radiance
+        assert found.dtype == np.float32
+        np.testing.assert_allclose(found, curve(expected), atol=1e-6)
+
+
 @pytest.mark.parametrize("suffix", ["png", "tif"])
 @pytest.mark.parametrize("mode", ["1", "L", "LA", "P", "RGB", "RGBA"])
 def test_eight_bit_modes_as_pillow_sees_them(tmp_path, mode, suffix):

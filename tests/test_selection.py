@@ -9,6 +9,7 @@ import pytest
 import torch
 import trimesh
 
+from fitter import selection
 from fitter.photographs import Photograph
 from fitter.selection import ANGLE_BINS, EDGED, choose_pixels
 from renderer import gbuffer
@@ -99,6 +100,30 @@ def test_the_odd_edge_takes_no_more_rays_and_its_pixels_are_left_out():
     assert found.surface.hit.shape[1] == 16
     assert not found.edged
     assert (found.surface.normal - found.surface.normal[:, :1]).norm(dim=-1).max() < 1e-9
+
+
+def test_of_very_many_pixels_each_has_an_equal_chance(monkeypatch):
+    """600 drawings of 50 of 1000: a count of mean 30 scatters by less than a binomial one's √(600 · 0.05 · 0.95) = 5.3.
+
+    Five of these are not exceeded once in 1000 in a thousand such tests.
+    """
+    monkeypatch.setattr(selection, "MANY", 100)
+    generator = torch.Generator().manual_seed(0)
+    drawn = [selection._drawn(1000, 50, generator) for _ in range(600)]
+    assert all(len(each.unique()) == len(each) == 50 for each in drawn)
+    counts = torch.bincount(torch.cat(drawn), minlength=1000)
+    assert (counts - 30).abs().max() < 5 * 5.3
+    first = torch.stack([each[0] for each in drawn]).double()  # in any order: the first may lie anywhere
+    assert abs(first.mean() - 499.5) < 5 * 1000 / (12 * 600) ** 0.5
+
+
+def test_a_sample_of_very_many_pixels_is_spread_over_the_angles_as_all_are(monkeypatch):
+    every = choose(photograph())
+    monkeypatch.setattr(selection, "MANY", 100)
+    some = choose(photograph())
+    assert len(some.radiance) == len(every.radiance) == 800
+    histograms = [torch.histc(each.surface.n_dot_v.mean(1).float(), 8, 0, 1) for each in (every, some)]
+    assert (histograms[0] - histograms[1]).abs().max() < 5 * 100**0.5  # bins of some hundred, 5 standard deviations
 
 
 def test_a_convex_object_does_not_see_itself():

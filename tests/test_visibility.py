@@ -12,7 +12,7 @@ from jaxtyping import Bool, Float
 from torch import Tensor
 
 from fitter.catalogue import metal
-from renderer import gbuffer
+from renderer import gbuffer, visibility
 from renderer.camera import Camera, look_at
 from renderer.environment import Environment
 from renderer.gbuffer import GBuffer, Tracer
@@ -142,6 +142,22 @@ def test_what_is_convex_is_asked_once(shape: Shape):
     assert not sees_itself(counting, surface).any()
     assert sum(rays) <= ROUNDS[0] * len(surface.hit)
     assert len(surface.hit) > 200
+
+
+def test_many_points_are_looked_from_in_blocks(monkeypatch):
+    """In any blocks the same is seen; and no more rays are asked for at once than a block has."""
+    trace, rays = gbuffer.tracer(balls()), []
+
+    def counting(origins: Tensor, directions: Tensor) -> GBuffer:
+        rays.append(len(origins))
+        return trace(origins, directions)
+
+    surface = seen(trace, camera())
+    whole = sees_itself(trace, surface), hidden_share(trace, surface)
+    monkeypatch.setattr(visibility, "BLOCK", 17)
+    assert torch.equal(sees_itself(counting, surface), whole[0])
+    assert torch.equal(hidden_share(counting, surface), whole[1])
+    assert max(rays) <= 17 * max(ROUNDS)
 
 
 def test_of_nothing_nothing_is_seen():

@@ -59,7 +59,7 @@ def _traced_again(problem: Problem, trace: Tracer, loaded: Loaded) -> GBuffer:
     """Every pixel by FINE_SIDE² rays; a pixel is found again by the camera that its rays come from."""
     surface = problem.observed.surface
     middle, view = surface.position.mean(1), surface.view.mean(1)
-    cameras = [photograph.camera for photograph in loaded.photographs]
+    cameras = [thumbnail.camera for thumbnail in loaded.photographs.thumbnails]
     origins = torch.stack([camera.camera_to_world[:3, 3] for camera in cameras])
     towards = torch.nn.functional.normalize(origins - middle[:, None], dim=-1)
     which = (towards * view[:, None]).sum(-1).argmax(1)

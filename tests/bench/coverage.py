@@ -15,6 +15,7 @@ import numpy as np
 import torch
 from jaxtyping import Float
 
+from fitter.album import Album
 from fitter.loading import load
 from fitter.pipeline import fit_parts, setting_of
 from renderer import gbuffer
@@ -82,15 +83,15 @@ def _fitted(draws: Draws, index: int) -> Estimate:
     scene = case.scene(draws.variant)
     loaded = load(scene)
     drawn = _draw(draws, index)
-    photographs = [
+    photographs = Album.of(
         replace(photograph, radiance=torch.from_numpy(pixels))
         for photograph, pixels in zip(loaded.photographs, drawn, strict=True)
-    ]
+    )
     options = draws.how.options(seed=index)
     setting = setting_of(loaded, options, torch.device("cpu"))
     trace = gbuffer.tracer(loaded.shape)
     with one_thread_per_operation():
-        again = replace(loaded, photographs=tuple(photographs))
+        again = replace(loaded, photographs=photographs)
         (part,) = fit_parts(again, trace, setting, options, lambda stage, done: None, scene)
     return estimate_of(part.material)
 
