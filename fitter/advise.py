@@ -12,9 +12,11 @@ from pathlib import Path
 from fitter.advice import Advice, advice_of
 from fitter.earlier_result import read_earlier_result, require_of_scene
 from fitter.fidelity import PRESETS, Fidelity, preset
+from fitter.fit_options import FitOptions
 from fitter.loading import load
 from fitter.observer import Observer
-from fitter.pipeline import FitOptions, fit_parts, setting_of, torch_device
+from fitter.parts import fit_parts
+from fitter.pipeline import setting_of, torch_device
 from fitter.progress import Progress
 from fitter.result import Result
 from fitter.summary import status_of

@@ -176,6 +176,10 @@ def fit(
         int | None, typer.Option(help="Columns of the environment map, 16 to 32768; 0 leaves it as it is.")
     ] = None,
     dtype: Annotated[DtypeName | None, typer.Option(help="Of the light tables.")] = None,
+    tolerance: Annotated[
+        float | None,
+        typer.Option(help="How far determined numbers may be off, relative: 0.01 takes pixels and samples for 1 %."),
+    ] = None,
     prior: Annotated[
         PriorName, typer.Option(help="What stands in for n and k that the photographs leave open.")
     ] = PriorName.none,
@@ -194,8 +198,9 @@ def fit(
     numbers = {"samples": samples, "pixels": pixels, "levels": levels, "environment_size": environment_size}
     words = {key: None if name is None else name.value for key, name in named.items()}
     accuracy = fidelity_of(fidelity.value, **words, **numbers)  # type: ignore[arg-type] — the enums' values
+    _require_free(tolerance, {key: numbers[key] for key in ("samples", "pixels", "levels")})
     chosen = (type_.value, accuracy, prior.value, solver.value)
-    code = _fit(scene, out, *chosen, seed, device, quiet, polish=polish)
+    code = _fit(scene, out, *chosen, seed, device, quiet, polish=polish, tolerance=tolerance)
     raise typer.Exit(code)
 
 
@@ -331,6 +336,13 @@ def _true_materials(path: Path, asked: Any, said: dict[str, Any]) -> tuple[dict[
     return read_materials(path, asked)
 
 
+def _require_free(tolerance: float | None, numbers: dict[str, int | None]) -> None:
+    """What a tolerance chooses is not to be said as well."""
+    for key, value in numbers.items():
+        if tolerance is not None and value is not None:
+            raise InputError(f"--{key}", value=value, expected=f"no {key} beside --tolerance, which chooses them")
+
+
 def _fit(
     scene: Path,
     out: Path,
@@ -343,15 +355,15 @@ def _fit(
     quiet: bool,
     begun: float = BEGUN,
     polish: bool = False,
+    tolerance: float | None = None,
 ) -> int:
     with progress_bar(quiet) as progress:
         progress("starting", 0)
         from fitter.pipeline import FitOptions, fit_scene
 
-        if solver == "lm":
-            import fitter.bridge  # noqa: F401 — its imports are start-up, not solving
         command = shlex.join(["fit-material", *sys.argv[1:]])
-        options = FitOptions(fidelity, solver, seed, device, command, kind, prior, polish)  # type: ignore[arg-type] — PriorName's
+        told = (solver, seed, device, command, kind, prior, polish, tolerance)
+        options = FitOptions(fidelity, *told)  # type: ignore[arg-type] — PriorName's
         result = fit_scene(scene, out, options, progress, begun)
     _print_result(result, out)
     return DONE if result.status == "converged" else NO_MATERIAL

@@ -3,35 +3,29 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import torch
 
 from fitter import quality
-from fitter.choice import Choice, fit_type
 from fitter.curves import Curve, reflectance_curve
 from fitter.effects import effects_of
-from fitter.fidelity import PRESETS, Fidelity
+from fitter.fidelity import Fidelity
+from fitter.fit_options import FitOptions
 from fitter.loading import Loaded, load
 from fitter.mtl import ordinary_mtl, thesis_mtl
-from fitter.nearest import nearest_metals
-from fitter.parameters import MetalCoordinates
-from fitter.polish import Polish, polish_scene, polished, require_polishable
-from fitter.prior import Prior, borrow
+from fitter.parts import FittedPart, Progress, fit_parts, polished_parts
+from fitter.polish import require_polishable
 from fitter.quality import ViewPictures
 from fitter.reflectances import REFLECTANCES
 from fitter.report import comparison_png, render_report
-from fitter.result import FittedMaterial, Model, Result, Time, write_result
-from fitter.search import Problem
-from fitter.selection import Observations, choose_pixels
+from fitter.result import Model, Result, Time, write_result
 from fitter.setting import Setting
-from fitter.solve import SOLVERS, compiling
-from fitter.summary import describe, fitted_material, status_of
-from fitter.uncertainty import Spread, spread
-from fitter.verdicts import seen_by
-from fitter.viewer_roughness import viewer_roughness
+from fitter.solve import compiling
+from fitter.summary import status_of
+from fitter.tolerance import require_tolerance
 from renderer import gbuffer
 from renderer.atomic import replaced_together, write_bytes_atomically, write_text_atomically
 from renderer.box_filter import box_filtered
@@ -41,58 +35,8 @@ from renderer.picture import draw
 from renderer.surroundings import directional_light
 from renderer.threads import one_thread_per_operation
 
-Progress = Callable[[str, float], None]
-
 FEWER_SHOWN = 4  # a quarter of the fit's directions makes the report's pictures; their noise is in `quality`
 SHOWN_FOOTPRINT = 2
-
-
-@dataclass(frozen=True)
-class FitOptions:
-    """How to fit.
-
-    Attributes:
-        fidelity: a preset, or one's own.
-        solver: "lm", "adam" or "lbfgs".
-        seed: of the choice of pixels and of the integration.
-        device: where light tables are integrated, in torch's words.
-        command: the command line, for the report.
-        type: of the materials that the scene file leaves open: "metal", "glossy", "matte", or "auto".
-        prior: "catalogue" where known metals are to stand in for n and k that the photographs leave open.
-        polish: whether metals are fitted once more with Mitsuba's paths, interreflection included.
-    """
-
-    fidelity: Fidelity = PRESETS["standard"]
-    solver: str = "lm"
-    seed: int = 0
-    device: str = "cpu"
-    command: str = ""
-    type: str = "auto"
-    prior: Prior = "none"
-    polish: bool = False
-
-
-@dataclass(frozen=True)
-class FittedPart:
-    """The fit of one of the object's materials.
-
-    Attributes:
-        index: of the material among the mesh's.
-        observed: its pixels.
-        choice: its fit.
-        spread: covariance of the fit's free vector.
-        material: the numbers to report.
-        told: the same in sentences.
-        polish: with Mitsuba's paths; None where there was none.
-    """
-
-    index: int
-    observed: Observations
-    choice: Choice
-    spread: Spread
-    material: FittedMaterial
-    told: str
-    polish: Polish | None = None
 
 
 def fit_scene(
@@ -120,6 +64,8 @@ def fit_scene(
     device = torch_device(options.device)
     if options.polish:
         require_polishable(options.fidelity)
+    if options.tolerance is not None:
+        require_tolerance(options.tolerance, options.fidelity)
     progress("reading", 0)
     loaded = load(scene_file)
     read = time.perf_counter()
@@ -131,13 +77,13 @@ def fit_scene(
         setting = setting_of(loaded, options, device)
         parts = fit_parts(loaded, trace, setting, options, progress, scene_file)
         if options.polish:
-            parts = _polished_parts(loaded, parts, setting, options, progress)
+            parts = polished_parts(loaded, parts, options, progress)
         solving = sum(part.choice.fit.solve_seconds for part in parts)
         clock = _Clock(began, read, time.perf_counter(), loaded.photographs.seconds, solving)
         progress("writing the report", 0)
-        views = _views(loaded, trace, parts, setting)
-        result = _result(loaded, parts, setting, views, clock)
-        page = render_report(result, views, [_curve(part, setting) for part in parts], command=options.command)
+        views = _views(loaded, trace, parts)
+        result = _result(loaded, parts, views, clock)
+        page = render_report(result, views, [_curve(part) for part in parts], command=options.command)
         write_text_atomically(folder / "report.html", page)
         write_bytes_atomically(folder / "comparison.png", comparison_png(views))
         write_text_atomically(folder / f"{loaded.name}.thesis.mtl", thesis_mtl(result.materials))
@@ -154,67 +100,6 @@ def setting_of(loaded: Loaded, options: FitOptions, device: torch.device) -> Set
     environment = replace(loaded.environment, radiance=radiance.to(device, getattr(torch, fidelity.dtype)))
     sources = tuple(directional_light(light) for light in loaded.scene.lights)
     return Setting(environment, sources, options.fidelity, options.seed)
-
-
-def fit_parts(
-    loaded: Loaded, trace: Tracer, setting: Setting, options: FitOptions, progress: Progress, scene_file: Path
-) -> list[FittedPart]:
-    """Each material from its own pixels."""
-    chosen = choose_pixels(
-        loaded.photographs,
-        trace,
-        scene_file,
-        count=setting.fidelity.pixels,
-        footprint=setting.fidelity.footprint,
-        seed=options.seed,
-        materials=len(loaded.materials),
-        progress=lambda share: progress("choosing pixels", share),
-    )
-    parts = []
-    for index, (name, observed) in enumerate(zip(loaded.materials, chosen, strict=True)):
-        if observed is not None:
-            problem = Problem(observed, setting, SOLVERS[options.solver], _labelled(progress, name, len(chosen)))
-            choice = fit_type(problem, loaded.kind(name, options.type))
-            parts.append(_part(index, name, observed, choice, setting, options.prior))
-    return parts
-
-
-def _polished_parts(
-    loaded: Loaded, parts: Sequence[FittedPart], setting: Setting, options: FitOptions, progress: Progress
-) -> list[FittedPart]:
-    """The metals again, each in the light that the others send it; the rest as it was."""
-    found = {part.index: part.choice.fit.material for part in parts}
-
-    def again(part: FittedPart) -> FittedPart:
-        if found[part.index].type != "metal":
-            return replace(part, told=f"{part.told} It is no metal, so that the polish left it as it was.")
-        label = _labelled(progress, part.material.name, len(parts))
-        problem = Problem(part.observed, setting, SOLVERS[options.solver], label)
-        polish = polished(problem, part.choice.fit, polish_scene(loaded, setting, found, part.index))
-        choice = replace(part.choice, fit=polish.fit)
-        made = _part(part.index, part.material.name, part.observed, choice, setting, options.prior)
-        return replace(made, polish=polish)
-
-    return [again(part) for part in parts]
-
-
-def _labelled(progress: Progress, name: str, count: int) -> Progress:
-    """Progress that names the material where there are several."""
-    return progress if count == 1 else lambda stage, share: progress(f"{name}: {stage}", share)
-
-
-def _part(index: int, name: str, observed: Observations, choice: Choice, setting: Setting, prior: Prior) -> FittedPart:
-    fit = choice.fit
-    uncertainty = spread(fit.residuals, fit.x)
-    coordinates = fit.residuals.coordinates
-    nearest = nearest_metals(fit.x, coordinates, uncertainty) if isinstance(coordinates, MetalCoordinates) else ()
-    rho = None
-    if not setting.fidelity.blurs and fit.material.type != "matte":
-        rho = viewer_roughness(observed, setting.viewers, fit.material)
-    borrowed = borrow(fit, uncertainty, prior)
-    material = fitted_material(name, fit, uncertainty, rho, nearest, borrowed)
-    told = describe(choice, material, seen_by(fit, observed), borrowed)
-    return FittedPart(index, observed, choice, uncertainty, material, told)
 
 
 @dataclass(frozen=True)
@@ -251,12 +136,12 @@ def torch_device(name: str) -> torch.device:
     return device
 
 
-def _curve(part: FittedPart, setting: Setting) -> Curve | None:
+def _curve(part: FittedPart) -> Curve | None:
     """The reflectance curve of what mirrors."""
     fit = part.choice.fit
     if fit.material.type == "matte":
         return None
-    reflectance = REFLECTANCES[setting.fidelity.reflectance]
+    reflectance = REFLECTANCES[part.setting.fidelity.reflectance]
     return reflectance_curve(reflectance, fit.residuals.coordinates, fit.x, part.spread)
 
 
@@ -290,24 +175,23 @@ def _message(loaded: Loaded, parts: Sequence[FittedPart], fidelity: Fidelity) ->
     return " ".join([*told, *_remarks(loaded, parts, fidelity)])
 
 
-def _views(loaded: Loaded, trace: Tracer, parts: Sequence[FittedPart], setting: Setting) -> list[ViewPictures]:
+def _views(loaded: Loaded, trace: Tracer, parts: Sequence[FittedPart]) -> list[ViewPictures]:
     """Each photograph's thumbnail beside the fitted materials' picture of the same pixels."""
-    fidelity = setting.fidelity
 
     def shade(surface: GBuffer) -> torch.Tensor:
         radiance = torch.zeros(len(surface.hit), 3, dtype=torch.float64)
         for part in parts:
             own = surface.material[:, 0] == part.index
             if own.any():
-                samples = fidelity.samples // FEWER_SHOWN
-                radiance[own] = setting.radiance(part.choice.fit.material, surface[own], samples)
+                samples = part.setting.fidelity.samples // FEWER_SHOWN
+                radiance[own] = part.setting.radiance(part.choice.fit.material, surface[own], samples)
                 if part.polish is not None:
                     radiance[own] += part.polish.picture(surface[own])
         return radiance
 
     views = []
     for seen in loaded.photographs.thumbnails:
-        footprint = min(fidelity.footprint, SHOWN_FOOTPRINT)
+        footprint = min(parts[0].setting.fidelity.footprint, SHOWN_FOOTPRINT)
         picture = draw(trace, seen.camera, seen.mask, seen.step, footprint, shade)
         exposure = 1.0 if seen.exposure == "fit" else seen.exposure
         shown = [(radiance * exposure).numpy() for radiance in (seen.radiance, picture.radiance)]
@@ -315,10 +199,9 @@ def _views(loaded: Loaded, trace: Tracer, parts: Sequence[FittedPart], setting: 
     return views
 
 
-def _result(
-    loaded: Loaded, parts: Sequence[FittedPart], setting: Setting, views: Sequence[ViewPictures], clock: _Clock
-) -> Result:
-    fidelity, materials = setting.fidelity, tuple(part.material for part in parts)
+def _result(loaded: Loaded, parts: Sequence[FittedPart], views: Sequence[ViewPictures], clock: _Clock) -> Result:
+    setting, materials = parts[0].setting, tuple(part.material for part in parts)
+    fidelity = setting.fidelity
     exposure = [1.0 if p.exposure == "fit" else p.exposure for p in loaded.photographs.thumbnails]
     types = {material.type for material in materials}
     self_seeing = sum(part.observed.self_seeing for part in parts) / len(parts)
@@ -333,13 +216,14 @@ def _result(
             fidelity=f"{fidelity.name}, polished by Mitsuba's path tracer" if polish else fidelity.name,
             reflectance=", ".join(fidelity.reflectance_of(kind) for kind in sorted(types, reverse=True)),
             lobe=fidelity.lobe,
-            samples=fidelity.samples,
+            samples=max(part.setting.fidelity.samples for part in parts),
             pixels=sum(len(part.observed.radiance) for part in parts),
             dtype=fidelity.dtype,
-            levels=fidelity.levels,
+            levels=max(part.setting.fidelity.levels for part in parts),
             environment_size=setting.environment.radiance.shape[1],
         ),
         effects=effects_of(fidelity, types, len(setting.sources), self_seeing, polish),
         time=clock.now(),
         inputs=loaded.inputs,
+        tolerance=tuple(part.tolerance for part in parts if part.tolerance is not None) or None,
     )

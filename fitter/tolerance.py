@@ -20,10 +20,11 @@ from fitter.choice import Choice, fit_type
 from fitter.derivative import jacobian
 from fitter.fidelity import Fidelity
 from fitter.measured import QUANTITIES
-from fitter.result import MaterialType, Rung
+from fitter.result import MaterialType, Rung, Tolerance
 from fitter.search import Fit, Problem, anew
 from fitter.summary import rule
 from fitter.uncertainty import integration_share, intervals95, is_determined, spread, standard_errors
+from renderer.errors import InputError
 
 SURE = 2.4  # standard errors within which the largest of ten related errors stays in 95 % of fits
 AIM = 0.8  # of the tolerance: an effort is chosen by errors that are themselves estimates
@@ -41,16 +42,48 @@ class Ascent:
     """How a tolerance was met or missed.
 
     Attributes:
+        asked: the tolerance.
         choice: the last fit.
         problem: what it was a fit of.
         rungs: all efforts, the last one last.
         hopeless: numbers that no effort brings within the tolerance, and how far off each may be with all of it.
     """
 
+    asked: float
     choice: Choice
     problem: Problem
     rungs: tuple[Rung, ...]
     hopeless: dict[str, float]
+
+    @property
+    def reached(self) -> bool:
+        """Whether no determined number is expected to move by more; never where none is determined."""
+        movement = self.rungs[-1].movement
+        return movement is not None and movement <= self.asked
+
+    @property
+    def sentence(self) -> str:
+        """The same for a person."""
+        last = self.rungs[-1]
+        if last.movement is None:
+            return f"No number is determined, so that none can be said to keep to {self.asked:.2g}."
+        spent = f"after {last.seconds:.1f} s with {last.pixels} pixels of {last.samples} samples"
+        moves = f"no determined number is expected to be off by more than {last.movement:.2%}"
+        if self.reached:
+            return f"{moves[0].upper()}{moves[1:]} ({last.of}), {self.asked:.2%} were asked for; {spent}."
+        worst = ", ".join(f"{name} {left:.1%}" for name, left in self.hopeless.items())
+        why = (
+            f"the photographs' own noise leaves {worst}, whatever the effort: more or cleaner photographs would help"
+            if self.hopeless
+            else f"after {MOST_RUNGS} steps the rest was left"
+        )
+        return f"The {self.asked:.2%} asked for are not reached: {moves} ({last.of}); {why}; {spent}."
+
+    def record(self, name: str) -> Tolerance:
+        """The same for `result.json`."""
+        return Tolerance(
+            material=name, asked=self.asked, reached=self.reached, hopeless=tuple(self.hopeless), rungs=self.rungs
+        )
 
 
 @dataclass(frozen=True)
@@ -133,6 +166,15 @@ class Effort:
         return replace(fidelity, pixels=self.pixels, samples=self.samples - self.samples % 4, levels=self.levels)
 
 
+def require_tolerance(tolerance: float, fidelity: Fidelity) -> None:
+    """Raises InputError where no fit could be told to keep to the tolerance."""
+    if not 0 < tolerance < 1:
+        raise InputError("--tolerance", value=tolerance, expected="a relative movement between 0 and 1, such as 0.01")
+    if fidelity.blurs:
+        expected = "a lobe of microfacets, whose errors are known: the viewer's blur follows no photograph closely"
+        raise InputError("--tolerance", value=f"{tolerance:g} with --fidelity {fidelity.name}", expected=expected)
+
+
 def ascend(
     problem_at: Callable[[Fidelity], Problem], fidelity: Fidelity, kind: MaterialType | None, tolerance: float
 ) -> Ascent:
@@ -161,7 +203,7 @@ def ascend(
         choice = replace(choice, fit=anew(problem, choice.fit))
     left = outlook.foreseen(outlook.most())
     hopeless = {name: float(each) for name, each in zip(outlook.names, left, strict=True) if each > tolerance}
-    return Ascent(choice, problem, tuple(rungs), hopeless)
+    return Ascent(tolerance, choice, problem, tuple(rungs), hopeless)
 
 
 def outlook_of(fit: Fit, problem: Problem) -> Outlook:

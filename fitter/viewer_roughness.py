@@ -19,7 +19,7 @@ from renderer.surroundings import Surroundings
 from shaders.materials import Glossy, Metal
 from shaders.shade import Points, shade
 
-PIXELS = 500
+PIXELS = 1000
 PARTS = 8
 WITHIN = 4.0  # factor around the first guess, both ways
 COARSE_STEPS = 33

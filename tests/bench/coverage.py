@@ -17,7 +17,8 @@ from jaxtyping import Float
 
 from fitter.album import Album
 from fitter.loading import load
-from fitter.pipeline import fit_parts, setting_of
+from fitter.parts import fit_parts
+from fitter.pipeline import setting_of
 from renderer import gbuffer
 from renderer.atomic import write_bytes_atomically
 from renderer.threads import one_thread_per_operation

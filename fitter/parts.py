@@ -1,0 +1,141 @@
+"""The fit of each of an object's materials from its own pixels."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from fitter.choice import Choice, fit_type
+from fitter.fidelity import Fidelity
+from fitter.fit_options import FitOptions
+from fitter.loading import Loaded
+from fitter.nearest import nearest_metals
+from fitter.parameters import MetalCoordinates
+from fitter.polish import Polish, polish_scene, polished
+from fitter.prior import Prior, borrow
+from fitter.result import FittedMaterial, Tolerance
+from fitter.search import Problem
+from fitter.selection import Observations, choose_pixels
+from fitter.setting import Setting
+from fitter.solve import SOLVERS
+from fitter.summary import describe, fitted_material
+from fitter.tolerance import FIRST_PIXELS, ascend
+from fitter.uncertainty import Spread, spread
+from fitter.verdicts import seen_by
+from fitter.viewer_roughness import viewer_roughness
+from renderer.gbuffer import Tracer
+
+Progress = Callable[[str, float], None]
+
+
+@dataclass(frozen=True)
+class FittedPart:
+    """The fit of one of the object's materials.
+
+    Attributes:
+        index: of the material among the mesh's.
+        observed: its pixels.
+        choice: its fit.
+        spread: covariance of the fit's free vector.
+        material: the numbers to report.
+        told: the same in sentences.
+        setting: the light, and how accurately it was computed.
+        tolerance: how the one asked for was met; None where none was.
+        polish: with Mitsuba's paths; None where there was none.
+    """
+
+    index: int
+    observed: Observations
+    choice: Choice
+    spread: Spread
+    material: FittedMaterial
+    told: str
+    setting: Setting
+    tolerance: Tolerance | None = None
+    polish: Polish | None = None
+
+
+def fit_parts(
+    loaded: Loaded, trace: Tracer, setting: Setting, options: FitOptions, progress: Progress, scene_file: Path
+) -> list[FittedPart]:
+    """Each material from its own pixels."""
+
+    @functools.cache
+    def chosen(count: int) -> list[Observations | None]:
+        return choose_pixels(
+            loaded.photographs,
+            trace,
+            scene_file,
+            count=count,
+            footprint=setting.fidelity.footprint,
+            seed=options.seed,
+            materials=len(loaded.materials),
+            progress=lambda share: progress("choosing pixels", share),
+        )
+
+    def problem_at(fidelity: Fidelity, index: int) -> Problem:
+        observed, label = chosen(fidelity.pixels)[index], _labelled(progress, loaded.materials[index], len(seen))
+        assert observed is not None
+        return Problem(observed, replace(setting, fidelity=fidelity), SOLVERS[options.solver], label)
+
+    seen = chosen(setting.fidelity.pixels if options.tolerance is None else FIRST_PIXELS)
+    return [
+        _fitted_part(index, functools.partial(problem_at, index=index), loaded, setting.fidelity, options)
+        for index, observed in enumerate(seen)
+        if observed is not None
+    ]
+
+
+def _fitted_part(
+    index: int, problem_at: Callable[[Fidelity], Problem], loaded: Loaded, fidelity: Fidelity, options: FitOptions
+) -> FittedPart:
+    """One material: by the fidelity, or by as much of it as a tolerance takes."""
+    name = loaded.materials[index]
+    kind = loaded.kind(name, options.type)
+    if options.tolerance is None:
+        problem = problem_at(fidelity)
+        return _part(index, name, problem.observed, fit_type(problem, kind), problem.setting, options.prior)
+    ascent = ascend(problem_at, fidelity, kind, options.tolerance)
+    problem = ascent.problem
+    part = _part(index, name, problem.observed, ascent.choice, problem.setting, options.prior)
+    return replace(part, told=f"{part.told} {ascent.sentence}", tolerance=ascent.record(name))
+
+
+def polished_parts(
+    loaded: Loaded, parts: Sequence[FittedPart], options: FitOptions, progress: Progress
+) -> list[FittedPart]:
+    """The metals again, each in the light that the others send it; the rest as it was."""
+    found = {part.index: part.choice.fit.material for part in parts}
+
+    def again(part: FittedPart) -> FittedPart:
+        if found[part.index].type != "metal":
+            return replace(part, told=f"{part.told} It is no metal, so that the polish left it as it was.")
+        label = _labelled(progress, part.material.name, len(parts))
+        problem = Problem(part.observed, part.setting, SOLVERS[options.solver], label)
+        polish = polished(problem, part.choice.fit, polish_scene(loaded, part.setting, found, part.index))
+        choice = replace(part.choice, fit=polish.fit)
+        made = _part(part.index, part.material.name, part.observed, choice, part.setting, options.prior)
+        return replace(made, tolerance=part.tolerance, polish=polish)
+
+    return [again(part) for part in parts]
+
+
+def _labelled(progress: Progress, name: str, count: int) -> Progress:
+    """Progress that names the material where there are several."""
+    return progress if count == 1 else lambda stage, share: progress(f"{name}: {stage}", share)
+
+
+def _part(index: int, name: str, observed: Observations, choice: Choice, setting: Setting, prior: Prior) -> FittedPart:
+    fit = choice.fit
+    uncertainty = spread(fit.residuals, fit.x)
+    coordinates = fit.residuals.coordinates
+    nearest = nearest_metals(fit.x, coordinates, uncertainty) if isinstance(coordinates, MetalCoordinates) else ()
+    rho = None
+    if not setting.fidelity.blurs and fit.material.type != "matte":
+        rho = viewer_roughness(observed, setting.viewers, fit.material)
+    borrowed = borrow(fit, uncertainty, prior)
+    material = fitted_material(name, fit, uncertainty, rho, nearest, borrowed)
+    told = describe(choice, material, seen_by(fit, observed), borrowed)
+    return FittedPart(index, observed, choice, uncertainty, material, told, setting)
