@@ -51,7 +51,7 @@ def load(scene_file: Path) -> Loaded:
     light = scene.environment
     environment = read_environment(light.map, rotation=light.rotation, scale=light.scale)
     stem = scene.geometry.mesh.stem if scene.geometry.mesh else str(scene.geometry.shape)
-    return Loaded(scene, photographs, shape, environment, stem, names, _inputs(scene, scene_file))
+    return Loaded(scene, photographs, shape, environment, stem, names, input_files(scene, scene_file))
 
 
 def _material_names(scene: Scene, shape: Shape, scene_file: Path) -> tuple[str, ...]:
@@ -79,7 +79,8 @@ def _require_supported(scene: Scene, scene_file: Path) -> None:
             raise InputError(scene_file, f"photographs[{i}].exposure", '"fit"', expected)
 
 
-def _inputs(scene: Scene, scene_file: Path) -> tuple[InputFile, ...]:
+def input_files(scene: Scene, scene_file: Path) -> tuple[InputFile, ...]:
+    """The files that a scene names, itself among them, with their hashes."""
     given = [scene_file, scene.cameras, scene.geometry.mesh]
     given += sorted(scene.environment.map.iterdir()) if scene.environment.map.is_dir() else [scene.environment.map]
     given += [path for photograph in scene.photographs for path in (photograph.image, photograph.mask)]
