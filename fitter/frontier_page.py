@@ -8,7 +8,7 @@ import shlex
 from markupsafe import Markup
 
 from fitter import frontier_table as words
-from fitter.frontier import ERRORS, STAGES, Frontier
+from fitter.frontier import STAGES, Frontier
 from fitter.frontier_plot import frontier_figure
 from fitter.pages import page_templates
 from fitter.svg import inline_svg
@@ -23,7 +23,7 @@ def render_frontier(frontier: Frontier, title: str, command: str = "") -> str:
     """
     page = page_templates()
     page.filters["shell"] = shlex.join
-    for name in ("seconds_words", "price_words", "memory_words", "percent"):
+    for name in ("seconds_words", "price_words", "memory_words", "percent", "two_digits"):
         page.filters[name] = getattr(words, name)
     return page.get_template("frontier.html").render(
         title=title,
@@ -31,7 +31,7 @@ def render_frontier(frontier: Frontier, title: str, command: str = "") -> str:
         sentences=words.sentences(frontier),
         plot=Markup(inline_svg(functools.partial(frontier_figure, frontier), "frontier")),
         stages=("command", *STAGES[:-1]),
-        errors=[key for key in ERRORS if any(row.errors[key] for row in frontier.rows)],
+        errors=words.errors_shown(frontier),
         priced=any(row.price for row in frontier.rows),
         verdicts={row.rung: words.verdict(row, frontier) for row in frontier.rows},
         command=command,

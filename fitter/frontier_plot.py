@@ -51,8 +51,9 @@ def _draw_points(axes: Axes, frontier: Frontier) -> None:
         axes.set_ylim(_extent([row.errors[frontier.by] for row, _ in placed], 100, (1.3, 1.5)))
     front = [point for name in frontier.frontier for row, point in placed if row.rung == name]
     axes.plot([x for x, _ in front], [100 * y for _, y in front], color=GOLD, linewidth=1.2, zorder=1)
-    for row, point in placed:
+    for index, (row, point) in enumerate(sorted(placed, key=lambda each: each[1][1])):
         _draw_point(axes, row, point, frontier)
+        _name_point(axes, row, point, frontier, above=index % 2 == 0)
     _plain_ticks(axes)
     _quiet_frame(axes)
 
@@ -68,8 +69,13 @@ def _draw_point(axes: Axes, row: Row, point: tuple[float, float], frontier: Fron
     axes.plot(x, y, "o", markersize=6, color=color, markerfacecolor="none" if beaten else color, zorder=2)
     if knee:
         axes.plot(x, y, "o", markersize=13, markeredgecolor=GOLD, markerfacecolor="none", zorder=2)
-    text = f"{row.rung}, knee" if knee else row.rung
-    axes.annotate(text, (x, y), (8, 5), textcoords="offset points", fontsize=9, color=QUIET if beaten else INK)
+
+
+def _name_point(axes: Axes, row: Row, point: tuple[float, float], frontier: Frontier, above: bool) -> None:
+    """In turn above and below the dots, by error, so that names of dots at one height do not meet."""
+    text = f"{row.rung}, knee" if row.rung == frontier.knee else row.rung
+    color, way = QUIET if row.beaten_by else INK, (8, 5 if above else -13)
+    axes.annotate(text, (point[0], 100 * point[1]), way, textcoords="offset points", fontsize=9, color=color)
 
 
 def _extent(spreads: Sequence[Spread | None], unit: float, room: tuple[float, float]) -> tuple[float, float]:

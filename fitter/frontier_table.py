@@ -18,29 +18,45 @@ WIDTH = 160  # of the table where the output is no terminal
 
 
 def terminal_table(frontier: Frontier, width: int | None = None) -> str:
-    """Medians of all rows, and sentences on what they are against, which rungs nothing beats, and the knee."""
-    shown = [key for key in ERRORS if any(row.errors[key] for row in frontier.rows)]
+    """Medians of all rows, what they cost and how far off they are, and sentences on what follows."""
+    text = io.StringIO()
+    console = Console(file=text, width=width or WIDTH, highlight=False)
+    for table in (_costs(frontier), _errors(frontier)):
+        console.print(table)
+        console.print()
+    return "\n".join(line.rstrip() for line in [*text.getvalue().splitlines(), *sentences(frontier)])
+
+
+def _costs(frontier: Frontier) -> Table:
     priced = any(row.price for row in frontier.rows)
-    table = Table(box=None, pad_edge=False)
-    table.add_column("rung", no_wrap=True)
-    heads = ["command", *STAGES[:-1], *(["price"] if priced else []), "memory", *shown]
-    for head in heads:
-        table.add_column(head, justify="right", no_wrap=True)
-    table.add_column("")
+    table = _table("command", *STAGES[:-1], *(["price"] if priced else []), "memory")
     for row in frontier.rows:
         times = [seconds_words(row.seconds[stage]) for stage in ("command", *STAGES[:-1])]
-        price = [price_words(row.price)] if priced else []
-        table.add_row(
-            row.rung,
-            *times,
-            *price,
-            memory_words(row.peak),
-            *(percent(row.errors[key]) for key in shown),
-            verdict(row, frontier),
-        )
-    text = io.StringIO()
-    Console(file=text, width=width or WIDTH, highlight=False).print(table)
-    return "\n".join(line.rstrip() for line in [*text.getvalue().splitlines(), "", *sentences(frontier)])
+        table.add_row(row.rung, *times, *([price_words(row.price)] if priced else []), memory_words(row.peak))
+    return table
+
+
+def _errors(frontier: Frontier) -> Table:
+    shown = errors_shown(frontier)
+    table = _table(*shown)
+    table.add_column("", no_wrap=True)
+    for row in frontier.rows:
+        table.add_row(row.rung, *(percent(row.errors[key]) for key in shown), verdict(row, frontier))
+    return table
+
+
+def _table(*heads: str) -> Table:
+    """A column of names, and numbers below these heads."""
+    table = Table(box=None, pad_edge=False)
+    table.add_column("rung", no_wrap=True)
+    for head in heads:
+        table.add_column(head, justify="right", no_wrap=True)
+    return table
+
+
+def errors_shown(frontier: Frontier) -> list[str]:
+    """Those of `ERRORS` that any row has."""
+    return [key for key in ERRORS if any(row.errors[key] for row in frontier.rows)]
 
 
 def sentences(frontier: Frontier) -> list[str]:
@@ -48,6 +64,7 @@ def sentences(frontier: Frontier) -> list[str]:
     repeats = max((len(row.statuses) for row in frontier.rows), default=0)
     told = [f"Errors are against {frontier.against}; medians of {repeats} runs." if repeats > 1 else ""]
     told[0] = told[0] or f"Errors are against {frontier.against}; of one run each."
+    told.append("Where errors fall no further, they are the photographs' own noise, and chance ranks the rungs.")
     told.append(f"picture: against the photographs. Frontier and knee go by {frontier.by!r} and the command's time.")
     if frontier.knee is not None:
         told.append(f"The knee is {frontier.knee}: {frontier.knee_is}.")
@@ -85,7 +102,12 @@ def memory_words(spread: Spread | None) -> str:
 
 
 def percent(spread: Spread | None) -> str:
-    return "–" if spread is None else f"{100 * spread.median:.2g} %"
+    return "–" if spread is None else f"{two_digits(100 * spread.median)} %"
+
+
+def two_digits(value: float) -> str:
+    """Two significant digits, without exponent as far as they can be read so."""
+    return f"{float(f'{value:.2g}'):g}"
 
 
 def csv_text(frontier: Frontier) -> str:

@@ -19,6 +19,7 @@ from renderer.truth import TrueMetal
 
 COMMAND = [sys.executable, "-m", "fitter.cli", "frontier"]
 ENVIRONMENT = {**os.environ, "OMP_NUM_THREADS": "1"}
+CSV_AND_SO_ON = ("csv", "json", "png", "html")
 RUNGS = ("--rungs", "viewer,preview-128-1500", "--type", "metal", "--repeats", "1")
 
 
@@ -51,9 +52,6 @@ def test_the_whole_command_and_again_for_nothing(scene, tmp_path):
     assert {path: path.stat().st_mtime_ns for path in (tmp_path / "runs").iterdir()} == kept
 
 
-CSV_AND_SO_ON = ("csv", "json", "png", "html")
-
-
 @pytest.mark.slow  # a fit that is stopped, and one more
 def test_ctrl_c_keeps_what_is_done(scene, tmp_path):
     with subprocess.Popen(
@@ -75,9 +73,8 @@ def test_wrong_input_of_a_fit_is_told_in_its_own_words(scene, tmp_path):
     spoilt.write_text(scene.read_text().replace("exposure = 1.0", 'exposure = "fit"'))
     done = run(spoilt, "-o", tmp_path, *RUNGS)
     assert done.returncode == 2
-    assert done.stderr == (
-        f'fit-material: {spoilt}: photographs[0].exposure: is "fit", expected a number: exposures are not fitted so far\n'
-    )
+    expected = 'photographs[0].exposure: is "fit", expected a number: exposures are not fitted so far'
+    assert done.stderr == f"fit-material: {spoilt}: {expected}\n"
 
 
 @pytest.mark.parametrize(
