@@ -17,6 +17,7 @@ import typer
 from typer.exceptions import TyperException
 
 from fitter.advise_command import advise
+from fitter.frontier_command import frontier
 from fitter.option_names import (
     DtypeName,
     FidelityName,
@@ -52,6 +53,7 @@ app = typer.Typer(
 
 app.command()(view)
 app.command()(advise)
+app.command()(frontier)
 
 
 def _folder(text: str | Path) -> Path:

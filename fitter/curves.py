@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import io
-import re
+import functools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
@@ -15,19 +14,18 @@ from torch import Tensor
 
 from fitter.catalogue import Metal
 from fitter.parameters import Coordinates
+from fitter.svg import INK, inline_svg
 from fitter.uncertainty import TWO_SIDED_95, Spread, standard_errors
 from shaders.fresnel import conductor
 from shaders.materials import Material
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 CHANNELS = (("red", "#d1495b"), ("green", "#3a9a5c"), ("blue", "#3f7fcf"))
 
 MaterialReflectance = Callable[[Material, Tensor], Tensor]
-
-INK = "#102030"
-"""Stands for the page's text colour until the SVG is finished."""
 
 
 @dataclass(frozen=True)
@@ -74,23 +72,20 @@ def reflectance_svg(curve: Curve, known: Sequence[tuple[str, Metal]], name: str)
     Returns:
         An `<svg>` element without addresses or fonts; lines and letters in `currentColor`.
     """
-    from matplotlib import rc_context
-    from matplotlib.backends.backend_svg import FigureCanvasSVG
+    return inline_svg(functools.partial(_panels, curve, known), name)
+
+
+def _panels(curve: Curve, known: Sequence[tuple[str, Metal]]) -> Figure:
     from matplotlib.figure import Figure
 
-    parts = ("text.color", "axes.edgecolor", "axes.labelcolor", "xtick.color", "ytick.color")
-    inked = dict.fromkeys(parts, INK)
-    with rc_context(rc={"svg.fonttype": "none", "svg.hashsalt": name, "font.size": 10, **inked}):
-        figure = Figure(figsize=(10, 3.5), layout="constrained")
-        panels = figure.subplots(1, 3)
-        for channel, axes in enumerate(panels):
-            _draw_panel(axes, channel, curve, known)
-        panels[0].set_ylabel("reflectance F")
-        handles, labels = panels[0].get_legend_handles_labels()
-        figure.legend(handles, labels, loc="outside lower center", ncols=5, frameon=False)
-        text = io.StringIO()
-        FigureCanvasSVG(figure).print_svg(text)
-    return _inline(text.getvalue())
+    figure = Figure(figsize=(10, 3.5), layout="constrained")
+    panels = figure.subplots(1, 3)
+    for channel, axes in enumerate(panels):
+        _draw_panel(axes, channel, curve, known)
+    panels[0].set_ylabel("reflectance F")
+    handles, labels = panels[0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside lower center", ncols=5, frameon=False)
+    return figure
 
 
 def _draw_panel(axes: Axes, channel: int, curve: Curve, known: Sequence[tuple[str, Metal]]) -> None:
@@ -108,15 +103,6 @@ def _draw_panel(axes: Axes, channel: int, curve: Curve, known: Sequence[tuple[st
     axes.grid(alpha=0.15, color=INK, linewidth=0.6)
     axes.patch.set_visible(False)
     axes.figure.patch.set_visible(False)
-
-
-def _inline(svg: str) -> str:
-    """The `<svg>` element alone: no declarations, licence, addresses, or ids that could collide."""
-    svg = svg[svg.index("<svg") :]
-    svg = re.sub(r"<metadata>.*?</metadata>", "", svg, flags=re.DOTALL)
-    svg = re.sub(r' xmlns(:\w+)?="[^"]*"| id="[\w.]+_\d+"|<!--.*?-->', "", svg, flags=re.DOTALL)
-    svg = re.sub(r' width="[\d.]+pt" height="[\d.]+pt"', "", svg, count=1)
-    return svg.replace(INK, "currentColor")
 
 
 def _metal_curve(cos_d: Float[torch.Tensor, "t 1"], n: Sequence[float], k: Sequence[float]) -> Float[np.ndarray, "t 3"]:

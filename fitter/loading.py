@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -57,7 +58,7 @@ def load(scene_file: Path) -> Loaded:
     environment = read_environment(light.map, rotation=light.rotation, scale=light.scale)
     stem = scene.geometry.mesh.stem if scene.geometry.mesh else str(scene.geometry.shape)
     photographs = Album.of_scene(scene.photographs, scene_file)
-    return Loaded(scene, photographs, shape, environment, stem, names, _files(scene, scene_file))
+    return Loaded(scene, photographs, shape, environment, stem, names, _hashed(_beside_photographs(scene, scene_file)))
 
 
 def _material_names(scene: Scene, shape: Shape, scene_file: Path) -> tuple[str, ...]:
@@ -85,9 +86,18 @@ def _require_supported(scene: Scene, scene_file: Path) -> None:
             raise InputError(scene_file, f"photographs[{i}].exposure", '"fit"', expected)
 
 
-def _files(scene: Scene, scene_file: Path) -> tuple[InputFile, ...]:
-    given = [scene_file, scene.cameras, scene.geometry.mesh]
-    given += sorted(scene.environment.map.iterdir()) if scene.environment.map.is_dir() else [scene.environment.map]
-    return tuple(
-        InputFile(path=str(path), sha256=sha256_of(path)) for path in given if path is not None and path.is_file()
-    )
+def input_files(scene: Scene, scene_file: Path) -> tuple[InputFile, ...]:
+    """The files that a scene names, itself and its photographs among them, with their hashes."""
+    photographs = [path for photograph in scene.photographs for path in (photograph.image, photograph.mask)]
+    return _hashed([*_beside_photographs(scene, scene_file), *photographs])
+
+
+def _beside_photographs(scene: Scene, scene_file: Path) -> list[Path | None]:
+    light = scene.environment.map
+    return [scene_file, scene.cameras, scene.geometry.mesh, *(sorted(light.iterdir()) if light.is_dir() else [light])]
+
+
+def _hashed(paths: Iterable[Path | None]) -> tuple[InputFile, ...]:
+    """Those that are files."""
+    files = [path for path in paths if path is not None and path.is_file()]
+    return tuple(InputFile(path=str(path), sha256=sha256_of(path)) for path in files)

@@ -6,14 +6,13 @@ import base64
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from math import floor, log10
-from pathlib import Path
 from typing import Any
 
-from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from markupsafe import Markup
 
 from fitter.catalogue import Metal, read_catalogue
 from fitter.curves import CHANNELS, Curve, reflectance_svg
+from fitter.pages import page_templates
 from fitter.pictures import DIFFERENCE_RANGE, Rgba, comparison_png, difference_colors, png, tiles
 from fitter.quality import ViewPictures
 from fitter.result import FittedMaterial, FromPrior, PerParameter, Result
@@ -61,13 +60,7 @@ def render_report(
     Returns:
         HTML text, UTF-8 when written.
     """
-    page = Environment(
-        loader=FileSystemLoader(Path(__file__).parent),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
+    page = page_templates()
     page.filters["number"] = _number
     page.filters["picture"] = _data_uri
     names = _distinct([view.name for view in views])

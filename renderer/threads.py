@@ -31,7 +31,7 @@ def one_thread_per_operation() -> Iterator[None]:
 
 def map_in_threads(work: Callable[[Item], Made], items: Iterable[Item]) -> Iterator[Made]:
     """`map`, on as many threads as this process has cores; what has not begun is dropped where the caller stops."""
-    with one_thread_per_operation(), ThreadPoolExecutor(_cores()) as pool:
+    with one_thread_per_operation(), ThreadPoolExecutor(cores()) as pool:
         yield from pool.map(work, items)
 
 
@@ -47,7 +47,7 @@ def one_ahead(work: Callable[[Item], Made], items: Iterable[Item]) -> Iterator[M
             yield pending.result()
 
 
-def _cores() -> int:
+def cores() -> int:
     """Cores that this process may use; only Linux tells them from those of the machine."""
     if hasattr(os, "sched_getaffinity"):
         return len(os.sched_getaffinity(0))

@@ -1,0 +1,64 @@
+"""The arguments of `fit-material frontier`; heavy imports are late."""
+
+from __future__ import annotations
+
+import enum
+import shlex
+import shutil
+import sys
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from fitter.option_names import TypeName
+from fitter.printing import say
+from fitter.progress import progress_bar
+from renderer.errors import InputError
+
+
+class ErrorName(enum.StrEnum):
+    worst = "worst"
+    n = "n"
+    k = "k"
+    f0 = "f0"
+    alpha = "alpha"
+    color = "color"
+    picture = "picture"
+
+
+def frontier(
+    scene: Annotated[Path, typer.Argument(metavar="SCENE.toml")],
+    out: Annotated[Path, typer.Option("-o", "--out", metavar="PATH", help="Folder for table, plot, page, and runs.")],
+    choices: Annotated[
+        bool, typer.Option("--choices", help="Single choices around the standard rung, in the ladder's place.")
+    ] = False,
+    rungs: Annotated[
+        str | None, typer.Option(metavar="NAME,NAME…", help="Only these rungs; all where left out.")
+    ] = None,
+    repeats: Annotated[int, typer.Option(help="Runs of each rung, 1 to 100; seeds are 0, 1, 2 …")] = 3,
+    by: Annotated[ErrorName, typer.Option(help="The error that frontier and knee go by.")] = ErrorName.worst,
+    type_: Annotated[TypeName, typer.Option("--type", help="Of materials that the scene leaves open.")] = TypeName.auto,
+    device: Annotated[str, typer.Option(help="Where light is integrated: cpu, cuda, cuda:1 …")] = "cpu",
+    quiet: Annotated[bool, typer.Option("--quiet", "-q", help="Show no progress.")] = False,
+) -> None:
+    """What accuracy costs in time, on your own photographs; goes on where it was interrupted."""
+    from fitter.frontier_rungs import CHOICES, LADDER, named
+
+    chosen = named(CHOICES if choices else LADDER, rungs)
+    if choices and chosen[0] != CHOICES[0]:
+        chosen = (CHOICES[0], *chosen)  # what the others are compared with
+    if not 1 <= repeats <= 100:
+        raise InputError("--repeats", value=repeats, expected="a whole number from 1 to 100")
+    if not str(out):
+        raise InputError("-o", value='""', expected="a folder that can be written; . is this one")
+    with progress_bar(quiet) as progress:
+        progress("starting", 0)
+        from fitter.frontier_files import Question, compare
+
+        asked = Question(scene, chosen, repeats, by.value, choices, ("--type", type_.value, "--device", device))
+        found = compare(asked, out, shlex.join(["fit-material", *sys.argv[1:]]), progress)
+    from fitter.frontier_table import terminal_table
+
+    say(terminal_table(found, shutil.get_terminal_size().columns if sys.stdout.isatty() else None))
+    say(f"page: {out / asked.stem}.html")

@@ -1,0 +1,87 @@
+"""From a scene to a folder with the comparison of all rungs: runs, table, plot, page."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from fitter.frontier import Frontier, frontier_of
+from fitter.frontier_errors import truth_beside
+from fitter.frontier_rungs import Rung
+from fitter.frontier_runs import Experiment, all_runs
+from fitter.loading import input_files
+from fitter.progress import Progress
+from renderer.atomic import replaced_together, write_bytes_atomically, write_text_atomically
+from renderer.errors import InputError
+from renderer.scene import read_scene
+
+TITLES = {False: "What accuracy costs in time", True: "What each choice costs and brings"}
+
+
+@dataclass(frozen=True)
+class Question:
+    """What is to be compared.
+
+    Attributes:
+        scene: scene file.
+        rungs: ways to fit it.
+        repeats: of each.
+        by: the error that counts.
+        choices: whether the rungs are single choices around the first.
+        options: of `fit`, for every run.
+    """
+
+    scene: Path
+    rungs: tuple[Rung, ...]
+    repeats: int
+    by: str
+    choices: bool
+    options: tuple[str, ...]
+
+    @property
+    def stem(self) -> str:
+        """What the files are called."""
+        return "choices" if self.choices else "frontier"
+
+
+def compare(question: Question, out: Path, command: str, progress: Progress) -> Frontier:
+    """Run what has not been run, and write STEM.csv, .png, .html and .json.
+
+    Args:
+        out: folder; runs are kept in its `runs`, each as soon as it is done.
+        command: the command line, for the page.
+        progress: told the share of the runs that are done.
+
+    Raises:
+        InputError: scene, truth or an option is wrong, or the folder cannot be written.
+    """
+    truth = truth_beside(question.scene)
+    inputs = input_files(read_scene(question.scene), question.scene)
+    experiment = Experiment(question.scene, inputs, question.options, _folder(out))
+    runs = all_runs(experiment, question.rungs, question.repeats, progress)
+    found = frontier_of(str(question.scene), question.rungs, runs, truth, question.by, question.choices)
+    progress("drawing", 0)
+    _write(found, out, question, command)
+    return found
+
+
+def _folder(out: Path) -> Path:
+    folder = out / "runs"
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError("-o", value=out, expected=f"a folder that can be written ({error.strerror})") from error
+    return folder
+
+
+def _write(found: Frontier, out: Path, question: Question, command: str) -> None:
+    from fitter.frontier_page import render_frontier
+    from fitter.frontier_plot import frontier_png
+    from fitter.frontier_table import csv_text, json_text
+
+    stem, title = question.stem, TITLES[question.choices]
+    with replaced_together(out, last=f"{stem}.json") as folder:
+        write_text_atomically(folder / f"{stem}.csv", csv_text(found))
+        write_bytes_atomically(folder / f"{stem}.png", frontier_png(found))
+        write_text_atomically(folder / f"{stem}.html", render_frontier(found, title, command))
+        write_text_atomically(folder / f"{stem}.json", json_text(found))

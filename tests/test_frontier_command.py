@@ -1,0 +1,90 @@
+"""`fit-material frontier` as a user runs it: files, resuming, Ctrl-C, slips."""
+
+from __future__ import annotations
+
+import csv
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from fitter.catalogue import metal
+from renderer.synth import SynthOptions, synthesise
+from renderer.truth import TrueMetal
+
+COMMAND = [sys.executable, "-m", "fitter.cli", "frontier"]
+ENVIRONMENT = {**os.environ, "OMP_NUM_THREADS": "1"}
+CSV_AND_SO_ON = ("csv", "json", "png", "html")
+RUNGS = ("--rungs", "viewer,preview-128-1500", "--type", "metal", "--repeats", "1")
+
+
+@pytest.fixture(scope="module")
+def scene(tmp_path_factory) -> Path:
+    gold = metal("Au")
+    options = SynthOptions(TrueMetal(gold.n, gold.k, alpha=0.25), size=32, spp=64, views=1)
+    return synthesise(options, tmp_path_factory.mktemp("photographs"))
+
+
+def run(*arguments: object) -> subprocess.CompletedProcess[str]:
+    command = [*COMMAND, *map(str, arguments)]
+    return subprocess.run(command, capture_output=True, text=True, check=False, env=ENVIRONMENT)
+
+
+@pytest.mark.slow  # two fits, each with a start-up of its own
+def test_the_whole_command_and_again_for_nothing(scene, tmp_path):
+    done = run(scene, "-o", tmp_path, *RUNGS)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert "Errors are against the truth" in done.stdout
+    assert {path.name for path in tmp_path.iterdir()} == {"runs", *(f"frontier.{end}" for end in CSV_AND_SO_ON)}
+    rows = list(csv.DictReader((tmp_path / "frontier.csv").open(encoding="utf-8")))
+    assert [row["rung"] for row in rows] == ["viewer", "preview-128-1500"]
+    assert all(0 < float(row["seconds_total_median"]) < float(row["seconds_command_median"]) for row in rows)
+    assert all(100e6 < float(row["peak_bytes_median"]) < 4e9 for row in rows)
+    kept = {path: path.stat().st_mtime_ns for path in (tmp_path / "runs").iterdir()}
+    assert len(kept) == 2
+    again = run(scene, "-o", tmp_path, *RUNGS)
+    assert again.stdout == done.stdout
+    assert {path: path.stat().st_mtime_ns for path in (tmp_path / "runs").iterdir()} == kept
+
+
+@pytest.mark.slow  # a fit that is stopped, and one more
+def test_ctrl_c_keeps_what_is_done(scene, tmp_path):
+    with subprocess.Popen(
+        [*COMMAND, scene, "-o", tmp_path, *RUNGS], env=ENVIRONMENT, stdout=subprocess.PIPE, stderr=subprocess.PIPE
+    ) as process:
+        runs = tmp_path / "runs"
+        while not list(runs.glob("*.json")):
+            assert process.poll() is None
+            time.sleep(0.1)
+        process.send_signal(signal.SIGINT)
+        _, said = process.communicate()
+    assert process.returncode == 130
+    assert said.decode().startswith("fit-material: interrupted")
+    assert [json.loads(path.read_text())["rung"] for path in runs.iterdir()] == ["viewer"]
+
+
+def test_wrong_input_of_a_fit_is_told_in_its_own_words(scene, tmp_path):
+    spoilt = scene.with_name("spoilt.toml")
+    spoilt.write_text(scene.read_text().replace("exposure = 1.0", 'exposure = "fit"'))
+    done = run(spoilt, "-o", tmp_path, *RUNGS)
+    assert done.returncode == 2
+    expected = 'photographs[0].exposure: is "fit", expected a number: exposures are not fitted so far'
+    assert done.stderr == f"fit-material: {spoilt}: {expected}\n"
+
+
+@pytest.mark.parametrize(
+    ("arguments", "sentence"),
+    [
+        (("--repeats", "0"), "--repeats: is 0, expected a whole number from 1 to 100"),
+        (("--rungs", "viewer"), "--rungs: is viewer, expected two rungs at least, to compare"),
+    ],
+)
+def test_slips_are_told_at_once(arguments, sentence, tmp_path):
+    done = run("nowhere.toml", "-o", tmp_path / "new", *arguments)
+    assert (done.returncode, done.stderr) == (2, f"fit-material: {sentence}\n")
+    assert not (tmp_path / "new").exists()
