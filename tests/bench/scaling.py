@@ -1,7 +1,8 @@
-"""Time and memory of a whole fit against pixels, photographs, environment and samples, each fit a process of its own."""
+"""Time and memory of a fit against pixels, photographs, environment and samples, each fit a process of its own."""
 
 from __future__ import annotations
 
+import math
 import os
 import statistics
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -14,7 +15,7 @@ from tests.bench.measured_fit import STAGES, Asked, Measured, measured
 from tests.bench.setting import spread
 
 MOST_REPEATS = 3
-MEBI = 2**20
+GIBI, MEBI = 2**30, 2**20
 TWELVE_MEGAPIXELS = 4000
 UPPER = 3  # points at the upper end, of which a second slope is stated
 
@@ -73,7 +74,8 @@ def rows(variant: str, repeats: int, names: Sequence[str] = ()) -> Iterator[str]
     """Lines of Markdown tables, one for each axis."""
     repeats, limit = min(repeats, MOST_REPEATS), _limit()
     yield f"Gold ball, `fit --fidelity standard --type metal` but for what the tables say; {repeats} repeats in turn."
-    yield f"Median (range) in seconds and MiB; no process may hold more than {limit / 2**30:.0f} GiB, half of what is here."
+    yield f"Median (range) in seconds and GiB; no process may hold more than {limit / GIBI:.0f} GiB, half of what is here."
+    yield "CPU: seconds of all threads; where others use the machine, too, it tells more than the clock does."
     yield ""
     for axis in AXES:
         if not names or axis.name in names:
@@ -119,7 +121,7 @@ def _runs(axis: Axis, repeats: int, limit: int) -> tuple[dict[int, list[Measured
 
 def _row(value: int, runs: Sequence[Measured]) -> str:
     seconds = " | ".join(spread([run.seconds[stage] for run in runs]) for stage in STAGES)
-    return f"| {value} | {runs[0].pixels} | {seconds} | {spread([run.peak / MEBI for run in runs])} |"
+    return f"| {value} | {runs[0].pixels} | {seconds} | {spread([run.peak / GIBI for run in runs])} |"
 
 
 def _slopes(label: str, found: Mapping[int, Sequence[Measured]]) -> Iterator[str]:
@@ -144,5 +146,5 @@ def slope(x: Sequence[float], y: Sequence[float]) -> tuple[float, float]:
     """d ln y / d ln x of positive numbers by least squares, and its standard error; nan where two points are all."""
     from scipy.stats import linregress
 
-    line = linregress(np.log(x), np.log(y))
-    return float(line.slope), float(line.stderr) if len(x) > 2 else float("nan")
+    slope, _, _, _, error = linregress(np.log(x), np.log(y))
+    return float(slope), float(error) if len(x) > 2 else math.nan
