@@ -74,7 +74,7 @@ def rows(variant: str, repeats: int, names: Sequence[str] = ()) -> Iterator[str]
     """Lines of Markdown tables, one for each axis."""
     repeats, limit = min(repeats, MOST_REPEATS), _limit()
     yield f"Gold ball, `fit --fidelity standard --type metal` but for what the tables say; {repeats} repeats in turn."
-    yield f"Median (range) in seconds and GiB; no process may hold more than {limit / GIBI:.0f} GiB, half of what is here."
+    yield f"Median (range) in seconds and GiB; none may hold more than {limit / GIBI:.0f} GiB, half of what is here."
     yield "CPU: seconds of all threads; where others use the machine, too, it tells more than the clock does."
     yield ""
     for axis in AXES:
@@ -144,7 +144,7 @@ def _by_stage(value: int, runs: Sequence[Measured]) -> str:
 
 def slope(x: Sequence[float], y: Sequence[float]) -> tuple[float, float]:
     """d ln y / d ln x of positive numbers by least squares, and its standard error; nan where two points are all."""
-    from scipy.stats import linregress
-
-    slope, _, _, _, error = linregress(np.log(x), np.log(y))
-    return float(slope), float(error) if len(x) > 2 else math.nan
+    if len(x) < 3:
+        return float(np.polyfit(np.log(x), np.log(y), 1)[0]), math.nan
+    line, covariance = np.polyfit(np.log(x), np.log(y), 1, cov=True)
+    return float(line[0]), math.sqrt(covariance[0, 0])
