@@ -1,6 +1,7 @@
 """What the benchmarks compute themselves: their photographs' noise, and the bound that fits are held against."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -11,9 +12,11 @@ from fitter.catalogue import metal
 from fitter.result import FittedMaterial
 from renderer.synth import SynthOptions, synthesise
 from renderer.truth import TrueMetal
-from tests.bench import noise, photographs
+from tests.bench import large_photographs, noise, photographs
 from tests.bench.cramer_rao import Bound, bound, information
 from tests.bench.estimates import Estimate, curve_error, estimate_of, true_numbers
+from tests.bench.measured_fit import STAGES, Asked, Measured, measured
+from tests.bench.scaling import slope
 
 GOLD = TrueMetal((0.146, 0.425, 1.431), (3.578, 2.326, 1.85), alpha=0.2)
 
@@ -129,3 +132,27 @@ def test_curves_differ_most_where_n_and_k_do_though_f0_is_equal():
 
     expected = np.abs(reflectance(found[5], found[8]) - reflectance(truth[5], truth[8])).max()
     assert curve_error(found, truth) == pytest.approx(expected, rel=1e-9)
+
+
+def test_the_slope_of_a_power_is_its_exponent_with_the_error_of_a_regression():
+    x = np.geomspace(1e3, 1e6, 7)
+    assert slope(x, 3 * x**0.5) == (pytest.approx(0.5), pytest.approx(0, abs=1e-9))
+    y = x**0.9 * np.exp(np.random.default_rng(4).normal(scale=0.1, size=7))
+    known = scipy.stats.linregress(np.log(x), np.log(y))
+    assert slope(x, y) == (pytest.approx(known.slope), pytest.approx(known.stderr))
+    assert slope((1, 100), (2.0, 20.0))[0] == pytest.approx(0.5)
+
+
+@pytest.mark.slow
+def test_a_fit_is_measured_and_one_that_needs_too_much_memory_says_so(cache, monkeypatch):
+    """Whole processes: a small fit, and one without room to import anything in."""
+    monkeypatch.setattr(large_photographs, "CACHE", cache)
+    asked = Asked(str(large_photographs.Series(2, 64, 64).scene()), 500, 16, 8 << 30)
+    found = measured(asked)
+    assert isinstance(found, Measured), found
+    assert 0 < found.pixels <= 500
+    assert sum(found.seconds[stage] for stage in STAGES[:4]) == pytest.approx(found.seconds["total"], rel=0.05)
+    assert {"starting", "choosing pixels", "writing the report"} <= found.peaks.keys()
+    assert 100e6 < found.peak < 8 << 30
+    told = measured(replace(asked, limit=64 << 20))
+    assert isinstance(told, str)

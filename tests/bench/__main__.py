@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterator
 from functools import partial
 
 from renderer.to_mitsuba import variant_here
-from tests.bench import agreement, budget, coverage, frame, grid, loop, parity, race, recovery, types
+from tests.bench import agreement, budget, coverage, frame, grid, loop, parity, race, recovery, scaling, types
 from tests.bench.fits import How
 from tests.bench.grid import Selection
 from tests.bench.photographs import ALPHAS, ENVIRONMENTS, METALS, SHAPES
@@ -54,6 +54,7 @@ def parts(asked: argparse.Namespace) -> Parts:
         "parity": ("GLSL against torch", parity.rows),
         "frame": ("Time of a picture", frame.rows),
         "race": ("Against Mitsuba's own inverse rendering", race.rows),
+        "scaling": ("Time and memory", partial(scaling.rows, repeats=asked.repeats, names=asked.axes)),
         "real": (
             "Recovery: a sphere and two meshes, 512 samples",
             partial(grid.every_shape, selection=fewer, shapes=asked.shapes, spp=512),
@@ -73,6 +74,10 @@ def _arguments() -> argparse.Namespace:
     def numbers(text: str) -> tuple[float, ...]:
         return tuple(map(float, listed(text)))
 
+    names = [axis.name for axis in scaling.AXES]
+    told = (
+        f"draws of noise for the coverage; runs of scaling, of which 1 is quick and {scaling.MOST_REPEATS} are the most"
+    )
     parser = argparse.ArgumentParser("python -m tests.bench", description=__doc__)
     parser.add_argument("parts", nargs="*", metavar="PART")
     parser.add_argument("--metals", type=listed, metavar="Au,Fe", help="symbols of the catalogue")
@@ -82,7 +87,8 @@ def _arguments() -> argparse.Namespace:
     parser.add_argument("--type", default="auto", help="what the fits of a grid are told")
     parser.add_argument("--fidelity", default="standard", help="of the fits of a grid")
     parser.add_argument("--jobs", type=int, default=1, help="fits at a time")
-    parser.add_argument("--repeats", type=int, default=coverage.MOST, help="draws of noise for the coverage")
+    parser.add_argument("--repeats", type=int, default=coverage.MOST, help=told)
+    parser.add_argument("--axes", type=listed, default=tuple(names), metavar=",".join(names), help="of scaling")
     asked = parser.parse_args()
     unknown = set(asked.parts) - set(parts(asked))
     if unknown:
