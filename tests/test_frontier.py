@@ -44,6 +44,7 @@ def run(rung: str = "a", seed: int = 0, command: float = 10.0, n: float = 0.2, *
         "message": "It converged.",
         "time": Time(load=1, prepare=command / 2, solve=1, report=1, total=command - 0.5),
         "peak": 900 * MIB,
+        "cpu": command / 4,
         "materials": (metal(n=(n, 0.4, 1.6)),),
         "picture": 0.05,
     }
@@ -295,10 +296,12 @@ def test_a_process_is_measured(tmp_path):
     """It holds 300 MiB of its own; Python itself takes some 10, and what this test process held counts, too."""
     import resource
 
-    code = f"import sys, time; x = b'x' * (300 * {MIB}); time.sleep(0.3); print('last', file=sys.stderr); sys.exit(3)"
+    busy = "while time.process_time() < 0.5: pass"
+    code = f"import sys, time; x = b'x' * (300 * {MIB})\n{busy}\nprint('last', file=sys.stderr); sys.exit(3)"
     ended = measured([sys.executable, "-c", code], tmp_path / "errors.txt")
     assert (ended.code, ended.last_words) == (3, "last")
-    assert ended.seconds > 0.3
+    assert ended.seconds > 0.5  # one thread: its CPU time is part of it
+    assert 0.5 <= ended.cpu <= 1.1 * ended.seconds
     here = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * frontier_runs.KIBIBYTE
     assert 300 * MIB <= ended.peak < max(here, 400 * MIB) * 1.1
 
