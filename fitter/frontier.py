@@ -70,7 +70,7 @@ class Frontier(Record):
         against: what the errors are measured against, in words.
         by: the error that frontier and knee are made of.
         frontier: the rungs that none beats, from the fastest to the nearest.
-        knee: one of them; None where they have none.
+        knee: one of them; None where they have none, as single choices have.
         knee_is: its definition.
         machine, versions: where and with what it was measured.
     """
@@ -117,7 +117,7 @@ def frontier_of(
         by=by,
         rows=tuple(rows),
         frontier=tuple(row.rung for row in front),
-        knee=knee([(row.rung, row.point(by)) for row in front]),  # type: ignore[misc] — the front's have points
+        knee=None if priced else knee([(row.rung, row.point(by)) for row in front]),  # type: ignore[misc] — all have points
         machine=f"{platform.machine()}, {cores()} cores, Python {platform.python_version()}",
         versions=versions(),
     )

@@ -65,7 +65,7 @@ def sentences(frontier: Frontier) -> list[str]:
     runs = f"medians of {repeats} runs" if repeats > 1 else "of one run each"
     told = [f"Errors are against {frontier.against}; {runs}."]
     told.append("Where errors fall no further, they are the photographs' own noise, and chance ranks the rungs.")
-    told.append(f"picture: against the photographs. Frontier and knee go by {frontier.by!r} and the command's time.")
+    told.append(f"picture: against the photographs. Who beats whom goes by {frontier.by!r} and the command's time.")
     if frontier.knee is not None:
         told.append(f"The knee is {frontier.knee}: {frontier.knee_is}.")
     elif any(row.price for row in frontier.rows):

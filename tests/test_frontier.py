@@ -160,6 +160,14 @@ def test_prices_are_ratios_of_runs_side_by_side():
     assert found.rows[1].price == spread([2.0, 3.0])
 
 
+def test_single_choices_have_no_knee(three):
+    """The ladder of the same numbers has one."""
+    made = [run(row.rung, 0, row.seconds["command"].median, 0.2 + 0.2 * row.errors["n"].median) for row in three.rows]
+    names = rungs(*(row.rung for row in three.rows))
+    assert frontier_of("scene", names, made, TRUTH).knee == "b"
+    assert frontier_of("scene", names, made, TRUTH, priced=True).knee is None
+
+
 def test_a_failed_rung_is_told_and_spoils_nothing():
     failed = run("b", status="failed", message="ended with code -9", time=None, materials=(), picture=None)
     found = frontier_of("scene", rungs("a", "b"), [run("a"), failed], TRUTH)
