@@ -36,7 +36,7 @@ class Row(Record):
     Attributes:
         rung, options: what was run.
         statuses: of each run, by seed.
-        seconds: of each stage; "command" is the whole process.
+        seconds: of each stage; "command" is the whole process, "cpu" what it took of all cores together.
         price: the command's time over the first rung's with the same seed; None but for single choices.
         peak: memory, bytes.
         errors: of `ERRORS`, shares of 1.
@@ -70,7 +70,7 @@ class Frontier(Record):
         against: what the errors are measured against, in words.
         by: the error that frontier and knee are made of.
         frontier: the rungs that none beats, from the fastest to the nearest.
-        knee: one of them; None where they have none.
+        knee: one of them; None where they have none, as single choices have.
         knee_is: its definition.
         machine, versions: where and with what it was measured.
     """
@@ -117,7 +117,7 @@ def frontier_of(
         by=by,
         rows=tuple(rows),
         frontier=tuple(row.rung for row in front),
-        knee=knee([(row.rung, row.point(by)) for row in front]),  # type: ignore[misc] — the front's have points
+        knee=None if priced else knee([(row.rung, row.point(by)) for row in front]),  # type: ignore[misc] — all have points
         machine=f"{platform.machine()}, {cores()} cores, Python {platform.python_version()}",
         versions=versions(),
     )
@@ -140,7 +140,7 @@ def _row(
         options=rung.options,
         statuses=tuple(run.status for run in runs),
         messages=tuple(dict.fromkeys(run.message for run in runs)),
-        seconds={**seconds, "command": spread([run.command for run in done])},
+        seconds={**seconds, **{key: spread([getattr(run, key) for run in done]) for key in ("command", "cpu")}},
         price=None if first is None else _price(done, first),
         peak=spread([run.peak for run in done]),
         errors={key: spread([each[key] for each in found]) for key in ERRORS},

@@ -45,9 +45,9 @@ def frontier(
     """What accuracy costs in time, on your own photographs; goes on where it was interrupted."""
     from fitter.frontier_rungs import CHOICES, LADDER, named
 
+    if choices and rungs is not None:
+        rungs = f"{CHOICES[0].name},{rungs}"  # what the others are compared with
     chosen = named(CHOICES if choices else LADDER, rungs)
-    if choices and chosen[0] != CHOICES[0]:
-        chosen = (CHOICES[0], *chosen)  # what the others are compared with
     if not 1 <= repeats <= 100:
         raise InputError("--repeats", value=repeats, expected="a whole number from 1 to 100")
     if not str(out):

@@ -34,6 +34,7 @@ class Run(Record):
         message: the result's, or the failed process's last words.
         command: wall-clock seconds of the whole process, the start of Python included.
         time: the result's stages.
+        cpu: seconds of all cores together, which a busy machine hardly changes; None where it was not measured.
         peak: most memory that the process held, bytes.
         materials: found.
         picture: rms of fit less photographs over the photographs'.
@@ -47,6 +48,7 @@ class Run(Record):
     message: str
     command: NonNegative
     peak: NonNegative
+    cpu: NonNegative | None = None
     time: Time | None = None
     materials: tuple[FittedMaterial, ...] = ()
     picture: NonNegative | None = None
@@ -110,7 +112,8 @@ class Experiment:
 
 
 def _record(rung: Rung, seed: int, options: tuple[str, ...], ended: Ended, result: Result | None) -> Run:
-    common = {"rung": rung.name, "options": options, "seed": seed, "command": ended.seconds, "peak": ended.peak}
+    common = {"rung": rung.name, "options": options, "seed": seed, "command": ended.seconds}
+    common |= {"peak": ended.peak, "cpu": ended.cpu}
     if result is None:
         told = f"ended with code {ended.code}: {ended.last_words}" if ended.last_words else f"code {ended.code}"
         return Run(status="failed", message=told, **common)
@@ -126,11 +129,12 @@ def _record(rung: Rung, seed: int, options: tuple[str, ...], ended: Ended, resul
 
 @dataclass(frozen=True)
 class Ended:
-    """How a process ended: exit code (negative: the signal), its last line of errors, wall seconds, peak bytes."""
+    """How a process ended: exit code (or -signal), last line of errors, wall and CPU seconds, peak bytes."""
 
     code: int
     last_words: str
     seconds: float
+    cpu: float
     peak: int
 
 
@@ -152,7 +156,8 @@ def measured(command: Sequence[str], errors: Path) -> Ended:
         seconds = time.perf_counter() - began
         process.returncode = os.waitstatus_to_exitcode(status)
     lines = errors.read_text(encoding="utf-8", errors="replace").strip().splitlines()
-    return Ended(process.returncode, lines[-1] if lines else "", seconds, usage.ru_maxrss * KIBIBYTE)
+    cpu = usage.ru_utime + usage.ru_stime
+    return Ended(process.returncode, lines[-1] if lines else "", seconds, cpu, usage.ru_maxrss * KIBIBYTE)
 
 
 def all_runs(

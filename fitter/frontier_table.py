@@ -29,9 +29,9 @@ def terminal_table(frontier: Frontier, width: int | None = None) -> str:
 
 def _costs(frontier: Frontier) -> Table:
     priced = any(row.price for row in frontier.rows)
-    table = _table("command", *STAGES[:-1], *(["price"] if priced else []), "memory")
+    table = _table("command", "cpu", *STAGES[:-1], *(["price"] if priced else []), "memory")
     for row in frontier.rows:
-        times = [seconds_words(row.seconds[stage]) for stage in ("command", *STAGES[:-1])]
+        times = [seconds_words(row.seconds[stage]) for stage in ("command", "cpu", *STAGES[:-1])]
         table.add_row(row.rung, *times, *([price_words(row.price)] if priced else []), memory_words(row.peak))
     return table
 
@@ -62,10 +62,10 @@ def errors_shown(frontier: Frontier) -> list[str]:
 def sentences(frontier: Frontier) -> list[str]:
     """What the numbers mean, and what follows from them."""
     repeats = max((len(row.statuses) for row in frontier.rows), default=0)
-    told = [f"Errors are against {frontier.against}; medians of {repeats} runs." if repeats > 1 else ""]
-    told[0] = told[0] or f"Errors are against {frontier.against}; of one run each."
+    runs = f"medians of {repeats} runs" if repeats > 1 else "of one run each"
+    told = [f"Errors are against {frontier.against}; {runs}."]
     told.append("Where errors fall no further, they are the photographs' own noise, and chance ranks the rungs.")
-    told.append(f"picture: against the photographs. Frontier and knee go by {frontier.by!r} and the command's time.")
+    told.append(f"picture: against the photographs. Who beats whom goes by {frontier.by!r} and the command's time.")
     if frontier.knee is not None:
         told.append(f"The knee is {frontier.knee}: {frontier.knee_is}.")
     elif any(row.price for row in frontier.rows):
@@ -125,7 +125,7 @@ def _cells(row: Row, frontier: Frontier) -> Iterator[tuple[str, Any]]:
     yield "options", " ".join(row.options)
     yield "statuses", " ".join(row.statuses)
     yield "verdict", verdict(row, frontier)
-    spreads = {f"seconds_{stage}": row.seconds[stage] for stage in ("command", *STAGES)}
+    spreads = {f"seconds_{stage}": row.seconds[stage] for stage in ("command", "cpu", *STAGES)}
     spreads |= {"price": row.price, "peak_bytes": row.peak}
     spreads |= {f"error_{key}": row.errors[key] for key in ERRORS}
     for name, spread in spreads.items():

@@ -44,6 +44,7 @@ def run(rung: str = "a", seed: int = 0, command: float = 10.0, n: float = 0.2, *
         "message": "It converged.",
         "time": Time(load=1, prepare=command / 2, solve=1, report=1, total=command - 0.5),
         "peak": 900 * MIB,
+        "cpu": command / 4,
         "materials": (metal(n=(n, 0.4, 1.6)),),
         "picture": 0.05,
     }
@@ -157,6 +158,14 @@ def test_prices_are_ratios_of_runs_side_by_side():
     runs = [run("a", 0, 10.0), run("b", 0, 20.0), run("a", 1, 20.0), run("b", 1, 60.0)]
     found = frontier_of("scene", rungs("a", "b"), runs, TRUTH, priced=True)
     assert found.rows[1].price == spread([2.0, 3.0])
+
+
+def test_single_choices_have_no_knee(three):
+    """The ladder of the same numbers has one."""
+    made = [run(row.rung, 0, row.seconds["command"].median, 0.2 + 0.2 * row.errors["n"].median) for row in three.rows]
+    names = rungs(*(row.rung for row in three.rows))
+    assert frontier_of("scene", names, made, TRUTH).knee == "b"
+    assert frontier_of("scene", names, made, TRUTH, priced=True).knee is None
 
 
 def test_a_failed_rung_is_told_and_spoils_nothing():
@@ -295,10 +304,12 @@ def test_a_process_is_measured(tmp_path):
     """It holds 300 MiB of its own; Python itself takes some 10, and what this test process held counts, too."""
     import resource
 
-    code = f"import sys, time; x = b'x' * (300 * {MIB}); time.sleep(0.3); print('last', file=sys.stderr); sys.exit(3)"
+    busy = "while time.process_time() < 0.5: pass"
+    code = f"import sys, time; x = b'x' * (300 * {MIB})\n{busy}\nprint('last', file=sys.stderr); sys.exit(3)"
     ended = measured([sys.executable, "-c", code], tmp_path / "errors.txt")
     assert (ended.code, ended.last_words) == (3, "last")
-    assert ended.seconds > 0.3
+    assert ended.seconds > 0.5  # one thread: its CPU time is part of it
+    assert 0.5 <= ended.cpu <= 1.1 * ended.seconds
     here = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * frontier_runs.KIBIBYTE
     assert 300 * MIB <= ended.peak < max(here, 400 * MIB) * 1.1
 

@@ -41,7 +41,7 @@ def test_the_whole_command_and_again_for_nothing(scene, tmp_path):
     assert (done.returncode, done.stderr) == (0, "")
     assert "Errors are against the truth" in done.stdout
     assert {path.name for path in tmp_path.iterdir()} == {"runs", *(f"frontier.{end}" for end in CSV_AND_SO_ON)}
-    rows = list(csv.DictReader((tmp_path / "frontier.csv").open(encoding="utf-8")))
+    rows = list(csv.DictReader((tmp_path / "frontier.csv").read_text(encoding="utf-8").splitlines()))
     assert [row["rung"] for row in rows] == ["viewer", "preview-128-1500"]
     assert all(0 < float(row["seconds_total_median"]) < float(row["seconds_command_median"]) for row in rows)
     assert all(100e6 < float(row["peak_bytes_median"]) < 4e9 for row in rows)
