@@ -67,7 +67,7 @@ def decoded(samples: Samples, path: Path, encoding: str | None = None) -> Image:
     colour, alpha = _split_alpha(samples.reshape(*samples.shape[:2], -1))
     coverage = None if alpha is None else _values(alpha)
     if samples.dtype.kind != "u":
-        return Image(_decode(_values(colour), encoding or "linear", path), coverage)
+        return Image(_decode(_three(_values(colour)), encoding or "linear", path), coverage)
     encoding, lossy = encoding or "srgb", path.suffix.lower() in LOSSY
     white = _white(LOSSY_WHITE if lossy else WHITE, encoding, path)
     return Image(_decode_codes(colour, encoding, path), coverage, white, lossy)
@@ -220,12 +220,16 @@ def _values(samples: Samples) -> Float[np.ndarray, "h w *c"]:
 
 def _split_alpha(
     values: Num[np.ndarray, "h w c"],
-) -> tuple[Num[np.ndarray, "h w 3"], Num[np.ndarray, "h w"] | None]:
-    """Colour, grey repeated thrice, and the alpha channel, which is the last of two or four."""
+) -> tuple[Num[np.ndarray, "h w c"], Num[np.ndarray, "h w"] | None]:
+    """Colour or grey, and the alpha channel, which is the last of two or four."""
     channels = values.shape[2]
     alpha = values[..., -1] if channels in (2, 4) else None
-    colour = values[..., :3] if channels >= 3 else np.repeat(values[..., :1], 3, axis=2)
-    return colour, alpha
+    return values[..., : 3 if channels >= 3 else 1], alpha
+
+
+def _three(values: Float[np.ndarray, "h w c"]) -> Float[np.ndarray, "h w 3"]:
+    """Colour as it is, grey thrice."""
+    return values if values.shape[2] == 3 else np.repeat(values, 3, axis=2)
 
 
 def _decode(colour: Float[np.ndarray, "h w 3"], encoding: str, path: Path) -> Float[np.ndarray, "h w 3"]:
@@ -238,12 +242,12 @@ def _decode(colour: Float[np.ndarray, "h w 3"], encoding: str, path: Path) -> Fl
     return colour if encoding == "linear" else _srgb_to_linear(colour)
 
 
-def _decode_codes(colour: UInt[np.ndarray, "h w 3"], encoding: str, path: Path) -> Float[np.ndarray, "h w 3"]:
-    """The same of integers: where they have fewer codes than a picture pixels, each code is decoded once."""
+def _decode_codes(colour: UInt[np.ndarray, "h w c"], encoding: str, path: Path) -> Float[np.ndarray, "h w 3"]:
+    """The same of integers: where they have fewer codes than a picture samples, each code is decoded once."""
     if colour.dtype.itemsize > 2 or colour.size < (count := np.iinfo(colour.dtype).max + 1):
-        return _decode(_values(colour), encoding, path)
-    codes = np.arange(count, dtype=colour.dtype)
-    return _decode(np.repeat(_values(codes)[None, :, None], 3, axis=2), encoding, path)[0, :, 0][colour]
+        return _decode(_three(_values(colour)), encoding, path)
+    codes = np.arange(count, dtype=colour.dtype)[None, :, None]
+    return _three(_decode(_three(_values(codes)), encoding, path)[0, :, 0][colour])
 
 
 def _white(share: float, encoding: str, path: Path) -> float:
