@@ -7,6 +7,7 @@
 #   make check     style, types and the direction of imports, without running anything
 #   make bench     accuracy and time, as the README states them
 #   make bench-recovery   n, k, F0 and alpha of many metals against the truth and the bound; hours at first
+#   make accuracy  docs/accuracy.md and its plot, measured on this machine; half an hour
 #   make clean     remove everything that these have made
 #
 # Needed beforehand: Python 3.11 or newer; for `fit-material view` the OpenGL libraries, which are installed where that
@@ -14,15 +15,17 @@
 #
 #   PYTHON   the Python to make .venv from
 #   JOBS     fits at a time, of bench-recovery
+#   REPEATS  runs of each rung, of accuracy
 #   TORCH    what pip installs torch from; another build of it: TORCH="torch==2.13.0 --index-url ADDRESS"
 
 TORCH = torch==2.13.0
 JOBS = 1
+REPEATS = 1
 
 bin = .venv/bin
 installed = .venv/installed
 
-.PHONY: help install demo test slow check bench bench-recovery clean
+.PHONY: help install demo test slow check bench bench-recovery accuracy clean
 
 help:
 	@sed -n '/^$$/q; s/^# \{0,1\}//p' Makefile
@@ -55,6 +58,10 @@ bench: $(installed)
 bench-recovery: $(installed)
 	OMP_NUM_THREADS=1 $(bin)/python -m tests.bench --jobs $(JOBS) \
 		recovery-grid recovery-noise recovery-spot recovery-coverage
+
+# Runs are kept there, too; REPEATS=3 for more than one of each.
+accuracy: $(installed)
+	$(bin)/python -m tests.bench --repeats $(REPEATS) accuracy
 
 clean:
 	rm -rf .venv build demo bench *.egg-info .pytest_cache .ruff_cache .hypothesis

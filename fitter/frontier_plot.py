@@ -54,8 +54,8 @@ def _draw_points(axes: Axes, frontier: Frontier) -> None:
     for index, (row, point) in enumerate(sorted(placed, key=lambda each: each[1][1])):
         _draw_point(axes, row, point, frontier)
         _name_point(axes, row, point, frontier, above=index % 2 == 0)
-    _plain_ticks(axes)
-    _quiet_frame(axes)
+    plain_ticks(axes)
+    quiet_frame(axes)
 
 
 def _draw_point(axes: Axes, row: Row, point: tuple[float, float], frontier: Frontier) -> None:
@@ -97,7 +97,7 @@ def _draw_stages(axes: Axes, frontier: Frontier) -> None:
     axes.set(xlabel="seconds", yticks=range(len(rows)), yticklabels=[row.rung for row in rows])
     axes.invert_yaxis()
     axes.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=3, frameon=False, fontsize=9)
-    _quiet_frame(axes)
+    quiet_frame(axes)
 
 
 def _median(row: Row, stage: str) -> float:
@@ -109,7 +109,7 @@ def _label(by: str) -> str:
     return f"{NAMES_OF_ERRORS.get(by, f'error of {by}')}, %"
 
 
-def _plain_ticks(axes: Axes) -> None:
+def plain_ticks(axes: Axes) -> None:
     """Numbers as they are, and not as powers of ten."""
     from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
 
@@ -119,7 +119,8 @@ def _plain_ticks(axes: Axes) -> None:
         axis.set_minor_formatter(NullFormatter())
 
 
-def _quiet_frame(axes: Axes) -> None:
+def quiet_frame(axes: Axes) -> None:
+    """Two spines, and a faint grid behind what is drawn."""
     axes.spines[["top", "right"]].set_visible(False)
     axes.grid(alpha=0.15, color=INK, linewidth=0.6)
     axes.set_axisbelow(True)

@@ -7,13 +7,31 @@ import os
 import sys
 from collections.abc import Callable, Iterator
 from functools import partial
+from pathlib import Path
 
+from fitter.frontier_rungs import LADDER, Rung, named
+from renderer.errors import InputError
 from renderer.to_mitsuba import variant_here
-from tests.bench import agreement, budget, coverage, frame, grid, loop, parity, race, recovery, scaling, types
+from tests.bench import (
+    accuracy,
+    agreement,
+    budget,
+    coverage,
+    frame,
+    grid,
+    loop,
+    parity,
+    race,
+    recovery,
+    scaling,
+    throughput,
+    tolerance,
+    types,
+)
 from tests.bench.fits import How
 from tests.bench.grid import Selection
 from tests.bench.photographs import ALPHAS, ENVIRONMENTS, METALS, SHAPES
-from tests.bench.setting import SHARED, header
+from tests.bench.setting import ROOT, SHARED, header
 
 USUAL = ("agreement", "recovery", "types", "loop", "parity", "frame")
 
@@ -40,6 +58,7 @@ def parts(asked: argparse.Namespace) -> Parts:
     """All parts by name: a title, and a function from Mitsuba's variant to lines."""
     whole = _selection(asked, grid.METALS, grid.ALPHAS)
     fewer = _selection(asked, METALS, ALPHAS)
+    repeats = asked.repeats
     return {
         "agreement": ("Agreement with Mitsuba", agreement.rows),
         "recovery": ("Recovery and cost of the fit command", recovery.command_rows),
@@ -54,7 +73,19 @@ def parts(asked: argparse.Namespace) -> Parts:
         "parity": ("GLSL against torch", parity.rows),
         "frame": ("Time of a picture", frame.rows),
         "race": ("Against Mitsuba's own inverse rendering", race.rows),
-        "scaling": ("Time and memory", partial(scaling.rows, repeats=asked.repeats, names=asked.axes)),
+        "scaling": (
+            "Time and memory",
+            partial(scaling.rows, repeats=repeats or scaling.MOST_REPEATS, names=asked.axes),
+        ),
+        "throughput": (
+            "Throughput of the integration",
+            partial(throughput.rows, repeats=repeats or throughput.USUAL_REPEATS),
+        ),
+        "tolerance": (
+            "Whether --tolerance keeps its word",
+            partial(tolerance.rows, selection=whole, repeats=repeats or tolerance.USUAL_REPEATS),
+        ),
+        "accuracy": ("What accuracy costs in time", partial(accuracy.rows, extent=_extent(asked), out=asked.out)),
         "real": (
             "Recovery: a sphere and two meshes, 512 samples",
             partial(grid.every_shape, selection=fewer, shapes=asked.shapes, spp=512),
@@ -64,7 +95,20 @@ def parts(asked: argparse.Namespace) -> Parts:
 
 def _selection(asked: argparse.Namespace, metals: tuple[str, ...], alphas: tuple[float, ...]) -> Selection:
     how = How(asked.type, asked.fidelity)
-    return Selection(asked.metals or metals, asked.alphas or alphas, asked.environments, how, asked.jobs, asked.repeats)
+    repeats = asked.repeats or coverage.MOST
+    return Selection(asked.metals or metals, asked.alphas or alphas, asked.environments, how, asked.jobs, repeats)
+
+
+def _extent(asked: argparse.Namespace) -> accuracy.Extent:
+    repeats = asked.repeats or accuracy.USUAL_REPEATS
+    return accuracy.Extent(asked.materials, asked.environments, asked.rungs, repeats)
+
+
+def _rungs(text: str) -> tuple[Rung, ...]:
+    try:
+        return named(LADDER, text)
+    except InputError as error:
+        raise argparse.ArgumentTypeError(str(error)) from error
 
 
 def _arguments() -> argparse.Namespace:
@@ -76,7 +120,8 @@ def _arguments() -> argparse.Namespace:
 
     names = [axis.name for axis in scaling.AXES]
     told = (
-        f"draws of noise for the coverage; runs of scaling, of which 1 is quick and {scaling.MOST_REPEATS} are the most"
+        "draws of noise for the coverage; of throughput, of tolerance's whole commands, of accuracy's rungs;"
+        f" runs of scaling, of which 1 is quick and {scaling.MOST_REPEATS} are the most"
     )
     parser = argparse.ArgumentParser("python -m tests.bench", description=__doc__)
     parser.add_argument("parts", nargs="*", metavar="PART")
@@ -87,10 +132,17 @@ def _arguments() -> argparse.Namespace:
     parser.add_argument("--type", default="auto", help="what the fits of a grid are told")
     parser.add_argument("--fidelity", default="standard", help="of the fits of a grid")
     parser.add_argument("--jobs", type=int, default=1, help="fits at a time")
-    parser.add_argument("--repeats", type=int, default=coverage.MOST, help=told)
+    parser.add_argument("--repeats", type=int, help=told)
     parser.add_argument("--axes", type=listed, default=tuple(names), metavar=",".join(names), help="of scaling")
+    materials = tuple(accuracy.MATERIALS)
+    parser.add_argument("--materials", type=listed, default=materials, metavar=",".join(materials), help="of accuracy")
+    ladder = ",".join(rung.name for rung in LADDER)
+    parser.add_argument("--rungs", type=_rungs, default=LADDER, metavar=ladder, help="of accuracy")
+    parser.add_argument("--out", type=Path, default=ROOT / "docs", help="folder of accuracy's page")
     asked = parser.parse_args()
     unknown = set(asked.parts) - set(parts(asked))
+    if strange := set(asked.materials) - set(materials):
+        parser.error(f"unknown {', '.join(sorted(strange))}; there are {', '.join(materials)}")
     if unknown:
         parser.error(f"unknown {', '.join(sorted(unknown))}; there are {', '.join(parts(asked))}")
     return asked

@@ -64,6 +64,11 @@ def estimate_of(found: FittedMaterial) -> Estimate:
     return Estimate(value, stderr, low, high)
 
 
+def stated_determined(found: FittedMaterial) -> Bool[np.ndarray, "10"]:
+    """Which numbers the fit itself calls determined."""
+    return np.array(_numbers(found.determined, False), bool)
+
+
 def true_numbers(case: Case) -> Float[np.ndarray, "10"]:
     """The numbers that were photographed."""
     known = metal(case.metal)

@@ -29,15 +29,21 @@ class How:
 
     type: str = "auto"
     fidelity: str = "standard"
+    tolerance: float | None = None
+
+    @property
+    def label(self) -> str:
+        """For the names of files."""
+        return f"{self.type}-{self.fidelity}" + ("" if self.tolerance is None else f"-{self.tolerance:g}")
 
     def options(self, seed: int = 0) -> FitOptions:
         """As `fit_scene` takes them."""
-        return FitOptions(preset(self.fidelity), seed=seed, type=self.type)
+        return FitOptions(preset(self.fidelity), seed=seed, type=self.type, tolerance=self.tolerance)
 
 
 def result_of(scene: Path, how: How) -> Result:
     """The result of a scene; fitted where the same code has not done so before."""
-    kept = CACHE / "fits" / _code() / f"{scene.parent.name}-{how.type}-{how.fidelity}.json"
+    kept = CACHE / "fits" / code() / f"{scene.parent.name}-{how.label}.json"
     if not kept.exists():
         kept.parent.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryDirectory() as folder:
@@ -65,7 +71,7 @@ def in_processes(work: Callable[[Item], Made], items: Iterable[Item], jobs: int)
 
 
 @cache
-def _code() -> str:
+def code() -> str:
     """A name for all code and data that a fit depends on, as they were when it was first asked for."""
     paths = sorted(path for name in ("shaders", "renderer", "fitter") for path in (ROOT / name).rglob("*"))
     digest = hashlib.sha256()

@@ -103,16 +103,21 @@ def rows(variant: str, spp: int = 1024) -> Iterator[str]:
     yield "| material | true | found | next, BIC | color | F0 | alpha | rms | s |"
     yield "|---|---|---|---|---|---|---|---|---|"
     outcomes = []
-    for name, material in MATERIALS.items():
-        outcomes.append(_outcome(name, material, variant, spp))
+    for name in MATERIALS:
+        outcomes.append(_outcome(name, variant, spp))
         yield _row(outcomes[-1])
     yield ""
     yield from _extremes(outcomes)
 
 
-def _outcome(name: str, material: TrueMaterial, variant: str, spp: int) -> Outcome:
-    options = SynthOptions(material, env=map_of("studio_small_03"), size=128, spp=spp, variant=variant)
-    scene = photographed(options, f"types-{name.replace(' ', '-')}")
+def scene_of(name: str, variant: str, spp: int = 1024, environment: str = "studio_small_03") -> Path:
+    """The scene file of photographs of one of `MATERIALS`."""
+    options = SynthOptions(MATERIALS[name], env=map_of(environment), size=128, spp=spp, variant=variant)
+    return photographed(options, f"types-{name.replace(' ', '-')}")
+
+
+def _outcome(name: str, variant: str, spp: int) -> Outcome:
+    scene = scene_of(name, variant, spp)
     with tempfile.TemporaryDirectory() as folder:
         begun = time.perf_counter()
         result = fit_scene(scene, Path(folder), FitOptions(preset("standard")))
