@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import ctypes
 import math
 import time
 from collections.abc import Callable, Iterable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -106,6 +108,7 @@ class Album(Sequence[Photograph]):
 
     def _read(self, index: int) -> Photograph:
         begun = time.perf_counter()
+        _return_freed_memory()
         photograph = self._readers[index]()
         self._thumbnails[index] = Thumbnail.of(photograph, thumbnail_side(len(self)))
         if _bytes([*self._kept.values(), photograph]) <= KEPT:
@@ -117,6 +120,16 @@ class Album(Sequence[Photograph]):
 def thumbnail_side(count: int) -> int:
     """The longest side of each of so many thumbnails, in pixels."""
     return max(1, int(LARGEST_SIDE * min(1.0, math.sqrt(FULL_SIZE / count))))
+
+
+def _return_freed_memory() -> None:
+    """Let the system have what earlier photographs took, where the C library is glibc.
+
+    It keeps freed blocks of up to 32 MB, and what stays of each photograph lies between them: of 100 photographs of 12
+    megapixels they would add up to 2 GB.
+    """
+    with suppress(AttributeError, OSError, TypeError):  # another C library, or none that is found so
+        ctypes.CDLL(None).malloc_trim(0)
 
 
 def _bytes(photographs: Iterable[Photograph]) -> int:
