@@ -238,7 +238,7 @@ class Result(Record):
     Attributes:
         message: one sentence for a person, which says why the status is what it is.
         exposure: pixel value per radiance, one for each photograph.
-        tolerance: of each material; None where none was asked for.
+        tolerance: of each material; None, and not in the file, where none was asked for.
     """
 
     format: Literal[1] = FORMAT
@@ -260,7 +260,8 @@ def write_result(result: Result, path: str | Path) -> None:
     Raises:
         InputError: the file cannot be written.
     """
-    text = json.dumps(result.model_dump(mode="json"), allow_nan=False, ensure_ascii=False, indent=2)
+    data = result.model_dump(mode="json", exclude={"tolerance"} if result.tolerance is None else None)
+    text = json.dumps(data, allow_nan=False, ensure_ascii=False, indent=2)
     write_text_atomically(path, _short_lists_on_one_line(text) + "\n")
 
 

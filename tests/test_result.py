@@ -18,8 +18,10 @@ from fitter.result import (
     PictureQuality,
     Quality,
     Result,
+    Rung,
     StandardErrors,
     Time,
+    Tolerance,
     read_result,
     sha256_of,
     write_result,
@@ -94,6 +96,15 @@ def test_keys_are_the_contracts(tmp_path):
     named = {"levels", "environment_size"}
     assert set(data["model"]) == {"fidelity", "reflectance", "lobe", "samples", "pixels", "dtype"} | named
     assert set(data["time"]) == {"load", "prepare", "solve", "report", "total"}
+
+
+def test_a_tolerance_is_told_where_one_was_asked_for(tmp_path):
+    rung = Rung(pixels=3000, samples=256, levels=5, movement=0.02, of="n of red", seconds=3.5)
+    asked = Tolerance(material="default", asked=0.01, reached=False, hopeless=("n of red",), rungs=(rung,))
+    written = result(tolerance=(asked,))
+    write_result(written, tmp_path / "result.json")
+    assert strictly_parsed(tmp_path / "result.json")["tolerance"][0]["rungs"][0]["movement"] == 0.02
+    assert read_result(tmp_path / "result.json") == written
 
 
 finite = st.floats(allow_nan=False, allow_infinity=False)

@@ -48,7 +48,7 @@ def test_given_up_it_leaves_nothing(tmp_path):
     film = turntable(tmp_path / "film", EYE, 8, Draws())
     next(film)
     film.close()
-    assert not list((tmp_path / "film").iterdir())
+    assert not list(tmp_path.iterdir())
 
 
 def test_frames_of_another_film_are_not_mixed_in(tmp_path):
