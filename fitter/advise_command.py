@@ -7,6 +7,7 @@ from typing import Annotated
 
 import typer
 
+from fitter.command_options import Device, Quiet
 from fitter.option_names import FidelityName, LobeName, TypeName
 from fitter.printing import say
 from fitter.progress import progress_bar
@@ -30,8 +31,8 @@ def advise(
     ] = None,
     lobe: Annotated[LobeName | None, typer.Option(help="Distribution of the microfacets, without --result.")] = None,
     json: Annotated[bool, typer.Option("--json", help="Print all views that were looked at, as JSON.")] = False,
-    device: Annotated[str, typer.Option(help="Where light is integrated: cpu, cuda, cuda:1 …")] = "cpu",
-    quiet: Annotated[bool, typer.Option("--quiet", "-q", help="Show no progress.")] = False,
+    device: Device = "cpu",
+    quiet: Quiet = False,
 ) -> None:
     """Say from where a further photograph would shrink the intervals most; writes nothing."""
     if result is not None:

@@ -34,7 +34,7 @@ def solved(residuals: Residuals, start: Float[Tensor, " x"], solver: Solver) -> 
     Of the minima that the coordinates' further starts lead to, the deepest counts. Outliers are weighed by where the
     last solution left them, and anew until that moves nothing.
     """
-    if residuals.model.mixing(residuals.coordinates.material(start)) is None:
+    if not residuals.mixes(start):
         return solver(residuals, start)
     short = condensed(residuals, start)
     tried = [solver(short, each, NEAR) for each in (start, *residuals.coordinates.elsewhere(start))]
@@ -102,6 +102,4 @@ def condensed(residuals: Residuals, around: Float[Tensor, " x"]) -> Condensed:
 
 
 def _mixing(residuals: Residuals, x: Float[Tensor, " x"]) -> Float[Tensor, " u"]:
-    found = residuals.model.mixing(residuals.coordinates.material(x))
-    assert found is not None
-    return found.flatten()
+    return residuals.mixing(x).flatten()

@@ -11,6 +11,7 @@ from typing import Annotated
 
 import typer
 
+from fitter.command_options import Device, Quiet
 from fitter.option_names import TypeName
 from fitter.printing import say
 from fitter.progress import progress_bar
@@ -39,8 +40,8 @@ def frontier(
     repeats: Annotated[int, typer.Option(help="Runs of each rung, 1 to 100; seeds are 0, 1, 2 …")] = 3,
     by: Annotated[ErrorName, typer.Option(help="The error that frontier and knee go by.")] = ErrorName.worst,
     type_: Annotated[TypeName, typer.Option("--type", help="Of materials that the scene leaves open.")] = TypeName.auto,
-    device: Annotated[str, typer.Option(help="Where light is integrated: cpu, cuda, cuda:1 …")] = "cpu",
-    quiet: Annotated[bool, typer.Option("--quiet", "-q", help="Show no progress.")] = False,
+    device: Device = "cpu",
+    quiet: Quiet = False,
 ) -> None:
     """What accuracy costs in time, on your own photographs; goes on where it was interrupted."""
     from fitter.frontier_rungs import CHOICES, LADDER, named

@@ -9,10 +9,10 @@ from jaxtyping import Float
 from torch import Tensor
 
 from fitter.catalogue import Metal, read_catalogue
-from fitter.derivative import jacobian
+from fitter.derivative import Function, jacobian
 from fitter.parameters import MetalCoordinates
 from fitter.result import Nearest
-from fitter.uncertainty import Function, Spread
+from fitter.uncertainty import Spread
 from shaders import fresnel
 
 COS_D = (1.0, 0.5, 0.25, 0.1)  # 0°, 60°, 76° and 84°: where the curves of metals differ

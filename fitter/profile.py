@@ -19,8 +19,8 @@ import torch
 from jaxtyping import Bool, Float, Int
 from torch import Tensor
 
-from fitter.derivative import jacobian, jacobians
-from fitter.uncertainty import TWO_SIDED_95, Function, Spread, intervals95, standard_errors
+from fitter.derivative import Function, jacobian, jacobians
+from fitter.uncertainty import TWO_SIDED_95, Spread, intervals95, standard_errors
 from fitter.valley import Valley, dispersion_of
 
 if TYPE_CHECKING:

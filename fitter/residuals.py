@@ -47,20 +47,25 @@ class Residuals:
         """The differences, their noise made independent and of variance 1; outliers count by their size alone."""
         return huber(torch.einsum("prc,pc->pr", self.whitening, self.difference(x)), ROBUST_AT)
 
+    def mixes(self, x: Float[Tensor, " x"]) -> bool:
+        """Whether the picture is its light by `mixing` and nothing else."""
+        return self.model.mixing(self.coordinates.material(x)) is not None
+
+    def mixing(self, x: Float[Tensor, " x"]) -> Float[Tensor, "a b 3"]:
+        """How much each number of the table's light counts, where the picture is their sum."""
+        found = self.model.mixing(self.coordinates.material(x))
+        assert found is not None
+        return found
+
     def slope(self, x: Float[Tensor, " x"]) -> Float[Tensor, "p 3 x"]:
         """Derivative of the model; 0 where it is not finite."""
 
-        def mixing(x: Tensor) -> Tensor:
-            found = self.model.mixing(self.coordinates.material(x))
-            assert found is not None
-            return found
-
-        if self.model.mixing(self.coordinates.material(x)) is None:
-            found = jacobian(self.difference, x)
-        else:
+        if self.mixes(x):
             assert isinstance(self.model, ExactPixels)
             assert self.model.light is not None
-            found = torch.einsum("apbc,abcx->pcx", self.model.light, jacobian(mixing, x))
+            found = torch.einsum("apbc,abcx->pcx", self.model.light, jacobian(self.mixing, x))
+        else:
+            found = jacobian(self.difference, x)
         return found.nan_to_num(0.0, 0.0, 0.0)
 
     def robust_whitening(self, x: Float[Tensor, " x"]) -> Float[Tensor, "p 3 3"]:

@@ -123,7 +123,7 @@ class Fit:
     @cached_property
     def condensate(self) -> Condensed | None:
         """The residuals, condensed; None where they cannot be."""
-        return None if self.residuals.model.mixing(self.material) is None else condensed(self.residuals, self.x)
+        return condensed(self.residuals, self.x) if self.residuals.mixes(self.x) else None
 
 
 def fit_material(problem: Problem, kind: MaterialType) -> Fit:

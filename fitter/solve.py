@@ -26,7 +26,7 @@ PRECISE, ROUGH = 1e-6, 1e-2  # tolerances: of a result, and of a start for a bet
 UNSEEN = 0.1  # half a squared distance to the minimum, in standard errors of the parameters: 0.3 of one
 ZERO_RESIDUAL = 1e-9  # share of the first cost that counts as none where a perfect fit exists
 RANK_CUT = 1e-12  # singular values below this share of the largest are rounding
-ROWS, COLUMNS = (4608, 12288), 8  # problems are padded to the first, or to multiples of the others
+ROWS, COLUMNS = (4608, 12288), 8  # problems are padded to the first, the search's pixels and prior, or to multiples
 STILL = 5  # steps in a row below the tolerance end Adam
 MAX_STEPS = {"lm": 64, "adam": 2000, "lbfgs": 200}
 
@@ -83,6 +83,7 @@ def compiling() -> Future[Solution]:
 
 
 def _optimistix(residual: Residual, start: Float[Tensor, " x"], tolerance: float, begun: float) -> Solution:
+    """The solution, its seconds counted from `begun`."""
     import jax.numpy as jnp
 
     unknowns, rows = len(start), _rows(len(residual(start)))

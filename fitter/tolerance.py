@@ -26,13 +26,13 @@ from fitter.summary import rule
 from fitter.uncertainty import integration_share, intervals95, is_determined, spread, standard_errors
 from renderer.errors import InputError
 
-SURE = 2.4  # standard errors within which the largest of ten related errors stays in 95 % of fits
+SURE = 2.4  # standard errors that the largest of ten related errors keeps to in 95 %: 1.96 of one, 2.80 of unrelated
 AIM = 0.8  # of the tolerance: an effort is chosen by errors that are themselves estimates
 FIRST_PIXELS, FIRST_SAMPLES = 3000, 256
-MOST_SAMPLES, MOST_LEVELS = 4096, 9
+LAST_SAMPLES, LAST_LEVELS = 4096, 9
 MOST_RUNGS = 6
 GROWTH = (1, 1.5, 2, 3, 4, 6, 8, 12)  # of pixels or samples from one rung to the next
-PER_PIXEL = 1200  # samples that take as long as all else that a pixel costs
+PER_PIXEL = 1200  # samples that take as long as all else that a pixel costs, rays and errors above all
 INTERPOLATED = 0.25  # share of the tolerance from which interpolation between levels calls for more of them
 CHANNELS = (" of red", " of green", " of blue")
 
@@ -120,7 +120,7 @@ class Outlook:
 
     def most(self) -> Effort:
         """All that can be spent."""
-        return Effort(max(self.available, self.effort.pixels), MOST_SAMPLES, MOST_LEVELS)
+        return Effort(max(self.available, self.effort.pixels), LAST_SAMPLES, LAST_LEVELS)
 
     def hopeful(self, tolerance: float) -> Bool[Tensor, " q"]:
         """Which numbers some effort would bring within the tolerance."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -10,12 +9,10 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from fitter.derivative import jacobian
+from fitter.derivative import Function, jacobian
 
 if TYPE_CHECKING:
     from fitter.residuals import Residuals
-
-Function = Callable[[Tensor], Tensor]
 
 TWO_SIDED_95 = 1.959964  # Φ⁻¹(0.975)
 
@@ -75,9 +72,9 @@ def unbiased(residuals: Residuals, x: Float[Tensor, " x"]) -> Float[Tensor, " x"
         return x
     whitening = residuals.robust_whitening(x)
     for _ in range(UNBIASED_STEPS):
-        scores, information = _crossed(residuals, whitening, x)
-        of_prior = jacobian(residuals.prior, x)
-        step = _inverse(information) @ (scores.sum(0) + of_prior.T @ residuals.prior(x))
+        halves = _Halves.at(x, residuals, whitening)
+        information = halves.information
+        step = _inverse(information) @ (halves.scores.sum(0) + halves.of_prior.T @ residuals.prior(x))
         length = (step @ information @ step).clamp_min(0).sqrt()
         x = x - step / (length / MOST_BIAS).clamp_min(1)
         if not length > UNBIASED_WITHIN:
@@ -101,11 +98,11 @@ def spread(residuals: Residuals, x: Float[Tensor, " x"]) -> Spread:
         residuals: of the whole table.
         x: the solution.
     """
-    scores, information = _crossed(residuals, residuals.robust_whitening(x), x)
-    of_prior = jacobian(residuals.prior, x)
+    halves = _Halves.at(x, residuals, residuals.robust_whitening(x))
+    scores, information = halves.scores, halves.information
     freedom = len(scores) / max(1, len(scores) - len(x))
     inverse = _inverse(information)
-    scattered = scores.T @ scores * freedom + of_prior.T @ of_prior
+    scattered = scores.T @ scores * freedom + halves.of_prior.T @ halves.of_prior
     return Spread(inverse @ scattered @ inverse + _unknown(information))
 
 
@@ -116,40 +113,62 @@ def integration_share(residuals: Residuals, x: Float[Tensor, " x"]) -> float:
     """
     if residuals.model.table is None:
         return 0.0
-    whitening = residuals.robust_whitening(x)
-    slope = torch.matmul(whitening, residuals.slope(x))
-    first, second = (torch.einsum("prc,pc->pr", whitening, half.difference(x)) for half in residuals.halves)
-    _, information = _crossed(residuals, whitening, x)
-    inverse = _inverse(information)
-    scores = (torch.einsum("prx,pr->px", slope, each) for each in ((first - second) / 2, (first + second) / 2))
+    halves = _Halves.at(x, residuals, residuals.robust_whitening(x))
+    (first, second), inverse = halves.differences, _inverse(halves.information)
+    scores = (torch.einsum("prx,pr->px", halves.slope, each) for each in ((first - second) / 2, (first + second) / 2))
     own, all_ = (float(((each @ inverse) * each).sum()) for each in scores)
     return min(1.0, own / all_) if all_ > 0 else 1.0
 
 
-def _crossed(
-    residuals: Residuals, whitening: Float[Tensor, "p 3 3"], x: Float[Tensor, " x"]
-) -> tuple[Float[Tensor, "p x"], Float[Tensor, "x x"]]:
-    """Each pixel's part of the cost's slope, by slopes of one half of the table and residuals of the other; and H.
+@dataclass(frozen=True)
+class _Halves:
+    """Both halves of a light table at one free vector.
 
-    Where the halves' noise drowns what is known, H may lack it: no direction is taken to be known by less than
-    `DROWNED` of what the whole table says.
+    Attributes:
+        slopes: J_A, J_B, whitened.
+        differences: r_A, r_B, whitened.
+        of_prior: the prior's slope.
     """
-    first, second = (torch.matmul(whitening, half.slope(x)) for half in residuals.halves)
-    of_first, of_second = (torch.einsum("prc,pc->pr", whitening, half.difference(x)) for half in residuals.halves)
-    scores = (torch.einsum("prx,pr->px", first, of_second) + torch.einsum("prx,pr->px", second, of_first)) / 2
-    of_prior = jacobian(residuals.prior, x)
-    prior = of_prior.T @ of_prior
-    whole = ((first + second) / 2).flatten(0, 1)
-    said = whole.T @ whole + prior
-    crossed = first.flatten(0, 1).T @ second.flatten(0, 1)
-    scale = said.diagonal().clamp_min(NOTHING).sqrt()
-    known, directions, rounding = _directions(said / scale / scale[:, None])
-    root = directions * torch.where(known > 0, known, rounding).sqrt()
-    against = torch.linalg.solve(root, ((crossed + crossed.T) / 2 + prior) / scale / scale[:, None])
-    against = torch.linalg.solve(root, against.T)
-    share, ways = torch.linalg.eigh((against + against.T) / 2)
-    root = scale[:, None] * root @ ways
-    return scores, root * share.clamp(DROWNED, 1.0) @ root.T
+
+    slopes: tuple[Float[Tensor, "p 3 x"], ...]
+    differences: tuple[Float[Tensor, "p 3"], ...]
+    of_prior: Float[Tensor, "q x"]
+
+    @staticmethod
+    def at(x: Float[Tensor, " x"], residuals: Residuals, whitening: Float[Tensor, "p 3 3"]) -> _Halves:
+        slopes = tuple(torch.matmul(whitening, half.slope(x)) for half in residuals.halves)
+        differences = (torch.einsum("prc,pc->pr", whitening, half.difference(x)) for half in residuals.halves)
+        return _Halves(slopes, tuple(differences), jacobian(residuals.prior, x))
+
+    @property
+    def slope(self) -> Float[Tensor, "p 3 x"]:
+        """Of the whole table."""
+        return (self.slopes[0] + self.slopes[1]) / 2
+
+    @property
+    def scores(self) -> Float[Tensor, "p x"]:
+        """g: each pixel's part of the cost's slope, by slopes of one half and differences of the other."""
+        (first, second), (of_first, of_second) = self.slopes, self.differences
+        return (torch.einsum("prx,pr->px", first, of_second) + torch.einsum("prx,pr->px", second, of_first)) / 2
+
+    @property
+    def information(self) -> Float[Tensor, "x x"]:
+        """H.
+
+        Where the halves' noise drowns what is known, their product may lack it: no direction is taken to be known by
+        less than `DROWNED` of what the whole table says.
+        """
+        first, second, whole = (slope.flatten(0, 1) for slope in (*self.slopes, self.slope))
+        prior, crossed = self.of_prior.T @ self.of_prior, first.T @ second
+        said = whole.T @ whole + prior
+        scale = said.diagonal().clamp_min(NOTHING).sqrt()
+        known, directions, rounding = _directions(said / scale / scale[:, None])
+        root = directions * torch.where(known > 0, known, rounding).sqrt()
+        against = torch.linalg.solve(root, ((crossed + crossed.T) / 2 + prior) / scale / scale[:, None])
+        against = torch.linalg.solve(root, against.T)
+        share, ways = torch.linalg.eigh((against + against.T) / 2)
+        root = scale[:, None] * root @ ways
+        return root * share.clamp(DROWNED, 1.0) @ root.T
 
 
 def _inverse(information: Float[Tensor, "x x"]) -> Float[Tensor, "x x"]:

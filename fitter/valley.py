@@ -8,8 +8,8 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from fitter.derivative import jacobian, jacobians
-from fitter.uncertainty import TWO_SIDED_95, Function, Spread
+from fitter.derivative import Function, jacobian, jacobians
+from fitter.uncertainty import TWO_SIDED_95, Spread
 
 
 @dataclass(frozen=True)

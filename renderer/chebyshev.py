@@ -27,15 +27,20 @@ def polynomials(x: Float[Tensor, "..."], count: int) -> Float[Tensor, "count ...
 
 def coefficients(values: Float[Tensor, "count ..."]) -> Float[Tensor, "count ..."]:
     """Coefficients c_j with Σ_j c_j T_j(x) equal to `values` at `nodes(count)`."""
-    return torch.tensordot(_analysis(len(values)).to(values), values, dims=1)
+    return torch.tensordot(_at_extrema(len(values)).to(values), values, dims=1)
 
 
 def weights(x: Float[Tensor, ""], count: int) -> Float[Tensor, " count"]:
     """Weights w with f(x) ≈ Σ_j w_j f(node_j); differentiable with respect to x."""
-    return _analysis(count).T.to(x) @ polynomials(x, count)
+    return _at_extrema(count).T.to(x) @ polynomials(x, count)
+
+
+def analysis(places: Float[Tensor, " count"]) -> Float[Tensor, "count count"]:
+    """The matrix from values at any different places in [-1, 1] to coefficients."""
+    return torch.linalg.inv(polynomials(places, len(places)).T)
 
 
 @functools.cache
-def _analysis(count: int) -> Float[Tensor, "count count"]:
-    """The matrix from values at `nodes(count)` to coefficients, float64."""
-    return torch.linalg.inv(polynomials(nodes(count), count).T)
+def _at_extrema(count: int) -> Float[Tensor, "count count"]:
+    """The same of `nodes(count)`, float64; asked for again and again."""
+    return analysis(nodes(count))

@@ -79,7 +79,7 @@ def _interpolated(
 ) -> Float[Tensor, "p r c"]:
     """The polynomial through what was traced, at the places; float32, whose 1e-7 radian no lobe resolves."""
     side = len(nodes)
-    analysis = torch.linalg.inv(chebyshev.polynomials(2 * nodes - 1, side).T)
+    analysis = chebyshev.analysis(2 * nodes - 1)
     coefficients = torch.einsum("is,jt,pstc->pijc", analysis, analysis, traced).float()
     rows, columns = chebyshev.polynomials(2 * place.float() - 1, side).permute(3, 1, 2, 0)  # each [p, r, s]
     along_rows = torch.bmm(rows, coefficients.flatten(2)).unflatten(2, (side, -1))

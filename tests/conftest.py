@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from pathlib import Path
 
 import pytest
@@ -35,3 +36,21 @@ def gl():
         return offscreen_context()
     except InputError as error:
         pytest.skip(str(error))
+
+
+@pytest.fixture(scope="session")
+def gold_photographs(tmp_path_factory) -> Path:
+    """Folder of a small scene of gold."""
+    from fitter.catalogue import metal
+    from renderer.synth import SynthOptions, synthesise
+    from renderer.truth import TrueMetal
+
+    gold = metal("Au")
+    options = SynthOptions(TrueMetal(gold.n, gold.k, alpha=0.25), size=40, spp=256, views=2)
+    return synthesise(options, tmp_path_factory.mktemp("photographs")).parent
+
+
+@pytest.fixture
+def gold_scene(gold_photographs, tmp_path) -> Path:
+    """A copy of the small scene, to spoil."""
+    return Path(shutil.copytree(gold_photographs, tmp_path / "scene")) / "scene.toml"

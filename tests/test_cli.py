@@ -1,4 +1,4 @@
-"""The command line as a user meets it: exit codes, what is printed where, and every slip in one sentence."""
+"""The command line as a user meets it: exit codes, what is printed where, progress, interruption."""
 
 from __future__ import annotations
 
@@ -18,11 +18,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 import tinyobjloader
-import trimesh
-from PIL import Image
 from test_result import result
 
-from fitter import cli
+from fitter import cli, fit_command
 from fitter.catalogue import metal
 from renderer.images import write_exr
 from renderer.synth import SynthOptions, synthesise
@@ -46,24 +44,10 @@ EFFECTS = """reflection blur horizon light-reflection diffuse-irradiance energy-
 
 
 @pytest.fixture(scope="module")
-def photographs(tmp_path_factory) -> Path:
-    """Folder of a small scene of gold."""
-    gold = metal("Au")
-    options = SynthOptions(TrueMetal(gold.n, gold.k, alpha=0.25), size=40, spp=256, views=2)
-    return synthesise(options, tmp_path_factory.mktemp("photographs")).parent
-
-
-@pytest.fixture(scope="module")
-def done(photographs, tmp_path_factory) -> tuple[subprocess.CompletedProcess[str], Path]:
+def done(gold_photographs, tmp_path_factory) -> tuple[subprocess.CompletedProcess[str], Path]:
     """The main job, run once as a user runs it, and its folder."""
     out = tmp_path_factory.mktemp("done") / "new" / "folder"
-    return run("fit", photographs / "scene.toml", "-o", out), out
-
-
-@pytest.fixture
-def scene(photographs, tmp_path) -> Path:
-    """A copy of the small scene, to spoil."""
-    return Path(shutil.copytree(photographs, tmp_path / "scene")) / "scene.toml"
+    return run("fit", gold_photographs / "scene.toml", "-o", out), out
 
 
 def run(*arguments: object) -> subprocess.CompletedProcess[str]:
@@ -72,36 +56,11 @@ def run(*arguments: object) -> subprocess.CompletedProcess[str]:
     )
 
 
-@pytest.fixture
-def refused(capfd, monkeypatch, tmp_path):
-    """Run a command inside this process; it must refuse in one sentence, which is returned."""
-
-    def call(*arguments: object) -> str:
-        monkeypatch.setattr(sys, "argv", ["fit-material", *map(str, arguments)])
-        with pytest.raises(SystemExit) as ended:
-            cli.main()
-        printed = capfd.readouterr()
-        assert ended.value.code == 2
-        assert printed.out == ""
-        assert re.fullmatch(r"fit-material: [^\n]+\n", printed.err)
-        assert "internal error" not in printed.err
-        assert not list(tmp_path.rglob(".unfinished-*"))
-        return printed.err.removeprefix("fit-material: ").rstrip("\n")
-
-    return call
-
-
 def strictly_parsed(path: Path) -> dict:
     def refuse(constant):
         raise AssertionError(f"{constant} is not JSON")
 
     return json.loads(path.read_text("utf-8"), parse_constant=refuse)
-
-
-def spoil(scene: Path, old: str, new: str) -> None:
-    text = scene.read_text()
-    assert old in text
-    scene.write_text(text.replace(old, new, 1))
 
 
 # What comes out
@@ -117,7 +76,7 @@ def test_exit_code_and_streams(done):
     assert {path.name for path in out.iterdir()} == FILES
 
 
-def test_result_is_strict_json_with_every_key_of_the_contract(done, photographs):
+def test_result_is_strict_json_with_every_key_of_the_contract(done, gold_photographs):
     result = strictly_parsed(done[1] / "result.json")
     assert list(result) == TOP.split()
     assert (result["format"], result["status"]) == (1, "converged")
@@ -146,9 +105,9 @@ def test_result_is_strict_json_with_every_key_of_the_contract(done, photographs)
     assert read == {"scene.toml", "environment.exr", "view_0.exr", "view_1.exr"}
 
 
-def test_the_truth_is_within_the_stated_errors(done, photographs):
+def test_the_truth_is_within_the_stated_errors(done, gold_photographs):
     (found,) = strictly_parsed(done[1] / "result.json")["materials"]
-    (truth,) = strictly_parsed(photographs / "truth.json")["materials"]
+    (truth,) = strictly_parsed(gold_photographs / "truth.json")["materials"]
     for value, true, error in zip(found["f0"], truth["f0"], found["stderr"]["f0"], strict=True):
         assert abs(value - true) < 4 * error + 0.005  # the margin of tests/test_pipeline.py
     assert abs(found["alpha"] - truth["alpha"]) < 4 * found["stderr"]["alpha"] + 0.01 * truth["alpha"]
@@ -193,8 +152,8 @@ def test_export_writes_the_same_material_files(done, tmp_path):
 
 
 def test_numbers_are_printed_with_four_digits():
-    assert cli._with_error(0.000123456, 1.23456e-7) == "0.0001235 ± 1.235e-07"
-    assert cli._with_error(12345.6, None) == "1.235e+04 (not determined)"
+    assert fit_command._with_error(0.000123456, 1.23456e-7) == "0.0001235 ± 1.235e-07"
+    assert fit_command._with_error(12345.6, None) == "1.235e+04 (not determined)"
 
 
 @pytest.mark.parametrize(
@@ -271,7 +230,7 @@ def on_a_terminal(arguments: Sequence[object], interrupt_at: bytes = b"") -> tup
     return process.wait(), output, shown
 
 
-def test_progress_is_shown_on_a_terminal_only(photographs, tmp_path):
+def test_progress_is_shown_on_a_terminal_only(gold_photographs, tmp_path):
     arguments = ["synth", "--metal", "Fe", "--size", "16", "--spp", "16", "-o", tmp_path]
     code, output, shown = on_a_terminal(arguments)
     assert (code, output.decode()) == (0, f"{tmp_path / 'scene.toml'}\n")
@@ -287,10 +246,10 @@ def contents(folder: Path) -> dict[str, bytes]:
     return {path.name: path.read_bytes() for path in folder.iterdir()}
 
 
-def test_ctrl_c_leaves_the_old_result_whole(photographs, done, tmp_path):
+def test_ctrl_c_leaves_the_old_result_whole(gold_photographs, done, tmp_path):
     out = Path(shutil.copytree(done[1], tmp_path / "out"))
     before = contents(out)
-    arguments = ["fit", photographs / "scene.toml", "-o", out, "--fidelity", "reference"]
+    arguments = ["fit", gold_photographs / "scene.toml", "-o", out, "--fidelity", "reference"]
     code, output, shown = on_a_terminal(arguments, interrupt_at=b"integrating")
     assert (code, output) == (130, b"")
     assert b"fit-material: interrupted" in shown
@@ -307,9 +266,9 @@ def wait_for_library(pid: int, name: str) -> None:
         time.sleep(0.02)
 
 
-def test_ctrl_c_at_the_start_is_as_quiet(photographs, tmp_path):
+def test_ctrl_c_at_the_start_is_as_quiet(gold_photographs, tmp_path):
     process = subprocess.Popen(
-        [*COMMAND, "fit", photographs / "scene.toml", "-o", tmp_path / "out"],
+        [*COMMAND, "fit", gold_photographs / "scene.toml", "-o", tmp_path / "out"],
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
@@ -322,208 +281,16 @@ def test_ctrl_c_at_the_start_is_as_quiet(photographs, tmp_path):
     assert errors == "fit-material: interrupted; files of earlier results are as they were\n"
 
 
-# Slips in the arguments
-
-
-@pytest.mark.parametrize(
-    ("arguments", "sentence"),
-    [
-        (["nonsense"], "no such command 'nonsense'; `fit-material --help` lists what there is"),
-        (["fit", "a.toml"], "missing option '-o' / '--out'; `fit-material fit --help` lists what there is"),
-        (["fit", "-o", "x"], "missing argument"),
-        (["fit", "a.toml", "-o", "x", "--nope"], "no such option: --nope"),
-        (["fit", "a.toml", "-o", "x", "--fidelity", "best"], "'best' is not one of 'viewer', 'preview'"),
-        (["fit", "a.toml", "-o", "x", "--seed", "-1"], "invalid value for '--seed'"),
-        (["fit", "a.toml", "-o", "x", "--seed", str(2**31)], "invalid value for '--seed'"),
-        (["fit", "a.toml", "-o", ""], '-o: is "", expected a folder that can be written'),
-        (["fit", "a.toml", "-o", "x", "--type", "wooden"], "'wooden' is not one of 'auto', 'metal'"),
-        (["synth", "-o", "x"], "synth: is without a material, expected --metal NAME, --n and --k, or --color"),
-        (["synth", "--metal", "Unobtainium", "-o", "x"], "Unobtainium"),
-        (["synth", "--metal", "Au", "--alpha", "3", "-o", "x"], "--alpha: is 3.0, expected"),
-        (["synth", "--metal", "Au", "--mesh", "no.obj", "-o", "x"], "no.obj: expected a mesh file here"),
-        (["export", "no.json", "-o", "x"], "no.json: expected a result.json that can be read"),
-    ],
-)
-def test_slips_in_the_arguments(refused, arguments, sentence, tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    assert sentence in refused(*arguments)
-    assert not list(tmp_path.iterdir())
-
-
-def test_export_of_absurdly_nested_json(refused, tmp_path):
-    (tmp_path / "deep.json").write_text("[" * 200000)
-    assert "deep.json: expected JSON without" in refused("export", tmp_path / "deep.json", "-o", tmp_path / "out")
-
-
-def test_export_to_an_unknown_format(refused, done, tmp_path):
-    assert "usdz" in refused("export", done[1] / "result.json", "--to", "usdz", "-o", tmp_path)
-
-
-@pytest.mark.parametrize("device", ["nonsense", "cuda:99"])
-def test_unknown_devices(refused, scene, device):
-    sentence = refused("fit", scene, "-o", scene.parent / "out", "--device", device)
-    assert sentence.startswith(f"--device: is {device}, expected one that torch can use here: cpu")
-    assert not (scene.parent / "out").exists()
-
-
-def test_out_is_a_file(refused, scene, tmp_path):
-    (tmp_path / "taken").write_text("mine")
-    for out in (tmp_path / "taken", tmp_path / "taken" / "below"):
-        sentence = refused("fit", scene, "-o", out)
-        assert sentence.startswith(f"-o: is {out}, expected a folder that can be written")
-    assert (tmp_path / "taken").read_text() == "mine"
-
-
-def test_out_cannot_be_written(refused, scene):
-    """Nothing can be made in /proc, not even by root, whom no permission stops."""
-    assert refused("fit", scene, "-o", "/proc/out").startswith("-o: is /proc/out, expected a folder that can be")
-
-
-# Slips in the scene
-
-
-@pytest.mark.parametrize(
-    ("old", "new", "sentence"),
-    [
-        ("[environment]", "[enviroment]", "enviroment: is {'map'"),
-        ('map = "environment.exr"', 'mapp = "environment.exr"', 'environment.mapp: is "environment.exr", expected'),
-        ("rotation = 0.0", 'rotation = "0"', 'environment.rotation: is "0", expected a number'),
-        ("scale = 1.0", "scale = -1.0", "environment.scale: is -1.0, expected a number from 1e-12"),
-        ('image = "view_0.exr"', "image = 3", "photographs[0].image: is 3, expected"),
-        ('image = "view_1.exr"', 'image = "away.exr"', "photographs[1].image: is "),
-        ("exposure = 1.0", 'exposure = "fit"', 'photographs[0].exposure: is "fit", expected a number'),
-        ("[geometry]", "[geometry", "expected TOML"),
-        ('shape = "sphere"', 'shape = "cube"', 'geometry.shape: is "cube", expected'),
-        ('shape = "sphere"', 'mesh = "away.obj"', "geometry.mesh: is "),
-    ],
-)
-def test_slips_in_the_scene_file(refused, scene, old, new, sentence):
-    spoil(scene, old, new)
-    told = refused("fit", scene, "-o", scene.parent / "out")
-    assert told.startswith(f"{scene}: ") or sentence == "expected TOML"
-    assert sentence in told
-
-
-@pytest.mark.parametrize(
-    ("old", "new", "nearest"),
-    [
-        ("[environment]", "[enviroment]", "environment"),
-        ("fov = ", "fovy = ", "fov"),
-        ("exposure = ", "exposur = ", "exposure"),
-    ],
-)
-def test_unknown_keys_are_told_with_the_nearest_right_one(refused, scene, old, new, nearest):
-    spoil(scene, old, new)
-    assert f"expected a known key, the nearest is {nearest}" in refused("fit", scene, "-o", scene.parent / "out")
-
-
-def test_a_sphere_has_one_material(refused, scene):
-    scene.write_text(scene.read_text() + '\n[[materials]]\nname = "a"\n[[materials]]\nname = "b"\n')
-    told = refused("fit", scene, "-o", scene.parent / "out")
-    assert told.endswith("materials: is 2 tables, expected one: a sphere has one material")
-
-
-def test_a_material_is_named_once(refused, scene):
-    scene.write_text(scene.read_text() + '\n[[materials]]\nname = "a"\n' * 2)
-    assert refused("fit", scene, "-o", scene.parent / "out").endswith("materials: is a, expected each name once")
-
-
-def test_a_missing_scene(refused, tmp_path):
-    told = refused("fit", tmp_path / "no.toml", "-o", tmp_path / "out")
-    assert told == f"{tmp_path / 'no.toml'}: expected a readable scene file here (there is none)"
-    assert not (tmp_path / "out").exists()
-
-
-def test_image_and_camera_counts_differ(refused, scene):
-    frame = {"file_path": "view_0.exr", "transform_matrix": np.eye(4).tolist()}
-    (scene.parent / "transforms.json").write_text(json.dumps({"camera_angle_x": 0.6, "frames": [frame]}))
-    text = re.sub(r"\[photographs.camera\][^\[]*(\[[^\]]*\][^\[]*){3}", "", scene.read_text())
-    scene.write_text('cameras = "transforms.json"\n' + text)
-    told = refused("fit", scene, "-o", scene.parent / "out")
-    assert "photographs: is a list of 2, expected as many as transforms.json has cameras, 1" in told
-
-
-# Slips in the files that a scene names
-
-
-def test_unreadable_images(refused, scene):
-    (scene.parent / "view_1.exr").write_bytes(b"not an image")
-    told = refused("fit", scene, "-o", scene.parent / "out")
-    assert told.startswith(f"{scene.parent / 'view_1.exr'}: expected a readable EXR image")
-
-
-def masked(scene: Path, white: np.ndarray) -> Path:
-    Image.fromarray(np.where(white, np.uint8(255), np.uint8(0))).save(scene.parent / "mask.png")
-    spoil(scene, "exposure = 1.0", 'exposure = 1.0\nmask = "mask.png"')
-    return scene
-
-
-def test_masks_of_another_size(refused, scene):
-    told = refused("fit", masked(scene, np.ones((30, 50), bool)), "-o", scene.parent / "out")
-    assert "photographs[0].mask: is mask.png with 50 × 30 pixels, expected the photograph's 40 × 40" in told
-
-
-def test_empty_masks(refused, scene):
-    told = refused("fit", masked(scene, np.zeros((40, 40), bool)), "-o", scene.parent / "out")
-    assert "photographs[0]: is mask.png, expected a mask or alpha channel with fully covered pixels" in told
-
-
-def test_maps_of_another_shape(refused, scene):
-    write_exr(scene.parent / "environment.exr", np.ones((10, 30, 3), np.float32))
-    told = refused("fit", scene, "-o", scene.parent / "out")
-    assert told.endswith("environment.exr: size: is 30 × 10, expected a map twice as wide as high")
-
-
-@pytest.mark.parametrize(
-    ("text", "sentence"),
-    [
-        ("v 0 0 0\nv 1 0 0\nv 0 1 0\n", "faces: is 0, expected at least one triangle with an area"),
-        ("v nan 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n", "expected finite coordinates"),
-        ("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 9\n", "v index of a face: is 9, expected at most 3"),
-        ("", "expected"),
-    ],
-)
-def test_broken_meshes(refused, scene, text, sentence):
-    (scene.parent / "object.obj").write_text(text)
-    spoil(scene, 'shape = "sphere"', 'mesh = "object.obj"')
-    told = refused("fit", scene, "-o", scene.parent / "out")
-    assert told.startswith(f"{scene.parent / 'object.obj'}: ")
-    assert sentence in told
-
-
-def looking(scene: Path, shape: str, origin: str, target: str) -> Path:
-    """The scene with a sphere or an icosphere, its first camera somewhere else."""
-    if shape == "icosphere":
-        trimesh.creation.icosphere(subdivisions=2).export(scene.parent / "ball.ply")
-        spoil(scene, 'shape = "sphere"', 'mesh = "ball.ply"')
-    text = re.sub(r"origin = .*\ntarget = .*", f"origin = {origin}\ntarget = {target}", scene.read_text(), count=1)
-    scene.write_text(text)
-    return scene
-
-
-@pytest.mark.parametrize("shape", ["sphere", "icosphere"])
-def test_a_camera_inside_the_object(refused, scene, shape):
-    told = refused("fit", looking(scene, shape, "[0, 0.1, 0.2]", "[1, 0, 0]"), "-o", scene.parent / "out")
-    assert told.startswith(f"{scene}: photographs[0].camera: expected a camera outside the object")
-
-
-@pytest.mark.parametrize("shape", ["sphere", "icosphere"])
-def test_an_object_outside_the_frame(refused, scene, shape):
-    told = refused("fit", looking(scene, shape, "[0, 0, 4]", "[0, 0, 9]"), "-o", scene.parent / "out")
-    assert told.startswith(f"{scene}: photographs[0].camera: expected a camera that sees the object")
-    assert "the object is outside the frame" in told
-
-
 # What is not the user's fault
 
 
-def test_our_own_mistakes_are_one_line_too(capfd, monkeypatch, scene):
+def test_our_own_mistakes_are_one_line_too(capfd, monkeypatch, gold_scene):
     def broken(*_):
         raise ZeroDivisionError("in two\nlines")
 
     monkeypatch.setattr("fitter.loading.read_scene", broken)
     monkeypatch.delenv("FIT_MATERIAL_DEBUG", raising=False)
-    monkeypatch.setattr(sys, "argv", ["fit-material", "fit", str(scene), "-o", str(scene.parent / "out")])
+    monkeypatch.setattr(sys, "argv", ["fit-material", "fit", str(gold_scene), "-o", str(gold_scene.parent / "out")])
     with pytest.raises(SystemExit) as ended:
         cli.main()
     assert ended.value.code == 1

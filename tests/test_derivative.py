@@ -46,7 +46,7 @@ def test_what_does_not_depend_on_x_has_no_slope(function):
 
 def test_one_infinite_slope_stays_in_its_own_row():
     found = jacobian(torch.sqrt, torch.tensor([0.0, 4.0], dtype=torch.float64))
-    assert found.isinf().tolist() == [[True, False], [False, False]] or found[0].isnan().any()
+    assert not found[0, 0].isfinite()
     assert found[1].tolist() == [0.0, 0.25]
 
 

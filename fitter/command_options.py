@@ -1,0 +1,29 @@
+"""Options that several commands have."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from renderer.errors import InputError
+
+
+def _folder(text: str | Path) -> Path:
+    if not str(text):
+        raise InputError("-o", value='""', expected="a folder that can be written; . is this one")
+    return Path(text)
+
+
+Out = Annotated[
+    Path,
+    typer.Option(
+        "-o", "--out", metavar="PATH", parser=_folder, help="Folder for the results; made if it is not there."
+    ),
+]
+Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Show no progress.")]
+Seed = Annotated[
+    int, typer.Option(help="Of everything random; the same seed gives the same files.", min=0, max=2**31 - 1)
+]
+Device = Annotated[str, typer.Option(help="Where light is integrated: cpu, cuda, cuda:1 …")]

@@ -1,0 +1,159 @@
+"""The arguments of `fit-material fit` and `demo`, and what they print; heavy imports are late."""
+
+from __future__ import annotations
+
+import shlex
+import sys
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from fitter.command_options import Device, Out, Quiet, Seed
+from fitter.option_names import (
+    DtypeName,
+    FidelityName,
+    FittedLobeName,
+    PriorName,
+    ReflectanceName,
+    SolverName,
+    TypeName,
+)
+from fitter.printing import say
+from fitter.progress import progress_bar
+from renderer.errors import InputError
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from fitter.fidelity import Fidelity
+    from fitter.result import FittedMaterial
+
+BEGUN = time.perf_counter()
+DONE, NO_MATERIAL = 0, 1  # exit codes
+
+
+def fit(
+    scene: Annotated[Path, typer.Argument(metavar="SCENE.toml")],
+    out: Out,
+    type_: Annotated[
+        TypeName, typer.Option("--type", help="Of materials that the scene leaves open; auto tries all.")
+    ] = TypeName.auto,
+    fidelity: Annotated[
+        FidelityName, typer.Option(help="How accurately, for how much time; the options below change one choice each.")
+    ] = FidelityName.standard,
+    reflectance: Annotated[
+        ReflectanceName | None, typer.Option(help="Of metals; only conductor, the exact one, tells n from k.")
+    ] = None,
+    lobe: Annotated[
+        FittedLobeName | None, typer.Option(help="Microfacets, or the viewer's blur: its 49 taps, or converged.")
+    ] = None,
+    samples: Annotated[int | None, typer.Option(help="Directions per pixel and roughness, 16 to 65536.")] = None,
+    pixels: Annotated[int | None, typer.Option(help="How many are fitted, 100 to 10000000.")] = None,
+    levels: Annotated[int | None, typer.Option(help="Roughnesses of the last table, 3 to 32.")] = None,
+    environment_size: Annotated[
+        int | None, typer.Option(help="Columns of the environment map, 16 to 32768; 0 leaves it as it is.")
+    ] = None,
+    dtype: Annotated[DtypeName | None, typer.Option(help="Of the light tables.")] = None,
+    tolerance: Annotated[
+        float | None,
+        typer.Option(help="How far determined numbers may be off, relative: 0.01 takes pixels and samples for 1 %."),
+    ] = None,
+    prior: Annotated[
+        PriorName, typer.Option(help="What stands in for n and k that the photographs leave open.")
+    ] = PriorName.none,
+    polish: Annotated[
+        bool, typer.Option("--polish", help="Fit metals once more with Mitsuba's paths: interreflection. Needs LLVM.")
+    ] = False,
+    solver: Annotated[SolverName, typer.Option(help="Least squares by which method.")] = SolverName.lm,
+    seed: Seed = 0,
+    device: Device = "cpu",
+    quiet: Quiet = False,
+) -> None:
+    """Fit the material of a scene; writes result.json, report.html and two MTL files."""
+    from fitter.fidelity import fidelity_of
+
+    named = {"reflectance": reflectance, "lobe": lobe, "dtype": dtype}
+    numbers = {"samples": samples, "pixels": pixels, "levels": levels, "environment_size": environment_size}
+    words = {key: None if name is None else name.value for key, name in named.items()}
+    accuracy = fidelity_of(fidelity.value, **words, **numbers)  # type: ignore[arg-type] — the enums' values
+    _require_free(tolerance, {key: numbers[key] for key in ("samples", "pixels", "levels")})
+    chosen = (type_.value, accuracy, prior.value, solver.value)
+    code = _fit(scene, out, *chosen, seed, device, quiet, polish=polish, tolerance=tolerance)
+    raise typer.Exit(code)
+
+
+def demo(out: Out = Path("demo"), quiet: Quiet = False) -> None:
+    """Photograph a gold ball with Mitsuba and fit it; needs no input."""
+    from fitter.fidelity import PRESETS
+    from fitter.true_material import true_material
+    from renderer.synth import SynthOptions, synthesise
+
+    gold = true_material(metal="gold", alpha=0.15)
+    options = SynthOptions(gold, size=128, spp=512)
+    with progress_bar(quiet) as progress:
+        scene = synthesise(options, out / "photographs", progress)
+    code = _fit(scene, out, "metal", PRESETS["standard"], "none", "lm", 0, "cpu", quiet, begun=time.perf_counter())
+    say(f"truth: {out / 'photographs' / 'truth.json'}")
+    raise typer.Exit(code)
+
+
+def _require_free(tolerance: float | None, numbers: dict[str, int | None]) -> None:
+    """What a tolerance chooses is not to be said as well."""
+    for key, value in numbers.items():
+        if tolerance is not None and value is not None:
+            raise InputError(f"--{key}", value=value, expected=f"no {key} beside --tolerance, which chooses them")
+
+
+def _fit(
+    scene: Path,
+    out: Path,
+    kind: str,
+    fidelity: Fidelity,
+    prior: str,
+    solver: str,
+    seed: int,
+    device: str,
+    quiet: bool,
+    begun: float = BEGUN,
+    polish: bool = False,
+    tolerance: float | None = None,
+) -> int:
+    with progress_bar(quiet) as progress:
+        progress("starting", 0)
+        from fitter.pipeline import FitOptions, fit_scene
+
+        command = shlex.join(["fit-material", *sys.argv[1:]])
+        told = (solver, seed, device, command, kind, prior, polish, tolerance)
+        options = FitOptions(fidelity, *told)  # type: ignore[arg-type] — PriorName's
+        result = fit_scene(scene, out, options, progress, begun)
+    _print_result(result, out)
+    return DONE if result.status == "converged" else NO_MATERIAL
+
+
+def _print_result(result, out: Path) -> None:
+    for material in result.materials:
+        nearest = f", most like {material.nearest[0].name}" if material.nearest else ""
+        say(f"{material.name}: {material.type}{nearest}")
+        for key in ("n", "k", "color", "reflectance", "f0", "alpha", "roughness"):
+            if getattr(material, key) is not None:
+                say(f"  {key:11}", "   ".join(_numbers(material, key)))
+    say(result.message)
+    say(f"report: {out / 'report.html'}")
+
+
+def _numbers(material: FittedMaterial, key: str) -> Iterator[str]:
+    """A parameter's values with their errors; with the word of the catalogue where it is that one's."""
+    parts = [getattr(part, key, None) for part in (material, material.stderr, material.from_prior)]
+    count = 3 if isinstance(parts[0], tuple) else 1
+    for value, error, taken in zip(*(_channels(part, count) for part in parts), strict=True):
+        yield _with_error(value, error) if not taken else f"{_with_error(value, error, '')} (catalogue)"
+
+
+def _with_error(value: float, error: float | None, none: str = " (not determined)") -> str:
+    return f"{value:.4g} ± {error:.4g}" if error is not None else f"{value:.4g}{none}"
+
+
+def _channels(part: Any, count: int) -> Any:
+    return part if isinstance(part, tuple) else (part,) * count
