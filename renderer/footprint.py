@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import torch
 from jaxtyping import Bool, Float
@@ -34,6 +34,19 @@ class Rays:
         return Rays(self.normal.to(device), self.view.to(device))
 
 
+def middle(surface: GBuffer) -> GBuffer:
+    """One ray for each pixel of [p, k] in place of its k, [p, 1]: their mean."""
+
+    def mean(values: Float[Tensor, "p k 3"]) -> Float[Tensor, "p 1 3"]:
+        return values.mean(1, keepdim=True)
+
+    def unit(values: Float[Tensor, "p k 3"]) -> Float[Tensor, "p 1 3"]:
+        return torch.nn.functional.normalize(mean(values), dim=-1)
+
+    normals = {"normal": unit(surface.normal), "geometric_normal": unit(surface.geometric_normal)}
+    return replace(surface[:, :1], position=mean(surface.position), view=unit(surface.view), **normals)
+
+
 def rays_of(surface: GBuffer) -> int:
     """How many rays `filled` has for each pixel."""
     return surface.hit.shape[1] if surface.hit.shape[1] < FEW else 2 * STRATA**2
@@ -45,6 +58,17 @@ def places(surface: GBuffer, seed: int) -> Float[Tensor, "p r 2"]:
     cell = torch.stack(torch.meshgrid(torch.arange(STRATA), torch.arange(STRATA), indexing="ij"), -1).reshape(-1, 2)
     jitter = torch.rand(len(surface.hit), 2 * STRATA**2, 2, generator=generator)
     return (cell.repeat(2, 1) + jitter) / STRATA
+
+
+def spread_places(positions: Float[Tensor, "p k 3"], place: Float[Tensor, "p r 2"]) -> Float[Tensor, "p r 3"]:
+    """Where the rays of `filled` meet the surface: where those traced next to them do, float64."""
+    pixels, count = positions.shape[:2]
+    if count < FEW:
+        return positions
+    side = math.isqrt(count)
+    nodes = torch.tensor(equal_weight_nodes(side), dtype=torch.float64)
+    row, column = _next_to(nodes, place)
+    return positions.reshape(pixels, side, side, 3)[torch.arange(pixels)[:, None], row, column]
 
 
 def filled(surface: GBuffer, place: Float[Tensor, "p r 2"]) -> Rays:
@@ -90,8 +114,13 @@ def _nearest(
     nodes: Float[Tensor, " s"], traced: Float[Tensor, "p s s c"], place: Float[Tensor, "p r 2"]
 ) -> Float[Tensor, "p r c"]:
     """What was traced next to each place; float32."""
-    row, column = (place.double()[..., None] - nodes).abs().argmin(-1).unbind(-1)
+    row, column = _next_to(nodes, place)
     return traced[torch.arange(len(traced))[:, None], row, column].float()
+
+
+def _next_to(nodes: Float[Tensor, " s"], place: Float[Tensor, "p r 2"]) -> tuple[Tensor, ...]:
+    """Row and column of the traced ray next to each place, [p, r]."""
+    return (place.double()[..., None] - nodes).abs().argmin(-1).unbind(-1)
 
 
 def is_smooth(normal: Float[Tensor, "p s s 3"]) -> Bool[Tensor, " p"]:

@@ -22,11 +22,12 @@ from torch import Tensor
 from renderer import chebyshev, cubemap, latlong
 from renderer.cubemap import Cubemap
 from renderer.environment import Environment
-from renderer.footprint import filled, places, rays_of
+from renderer.footprint import filled, places, rays_of, spread_places
 from renderer.fused_table import fused_available, integrate_fused
 from renderer.gbuffer import GBuffer
 from renderer.latlong import LatLong
 from renderer.lobe_sampling import Directions, Frames, LightSampler, Points, asked_blocks, draw_lamps, draw_lobe, frames
+from renderer.occlusion import Occluder
 from renderer.threads import map_in_threads
 from shaders import lobe
 
@@ -107,6 +108,7 @@ def microfacet_table(
     seed: int,
     progress: Progress = lambda share: None,
     fused: bool | None = None,
+    occluder: Occluder | None = None,
 ) -> LightTable:
     """Light through a GGX or Beckmann lobe with Smith shadowing, from above the horizon.
 
@@ -126,6 +128,7 @@ def microfacet_table(
         progress: told the share that is done, in (0, 1].
         fused: whether one compiled kernel does it, see `renderer.fused_table`; by default where it can, on the CPU
             in float32.
+        occluder: what may stand before the light, which then does not count; None where nothing does.
 
     Returns:
         the table, on the CPU.
@@ -133,6 +136,7 @@ def microfacet_table(
     groups = _neighbours(levels(*alphas, "log"))
     if fused is None:
         fused = _fits_the_kernel(environment.radiance) and fused_available()
+        fused = fused and (occluder is None or occluder.compiled is not None)
     integrate = integrate_fused if fused else _integrate
     table = integrate(
         surface,
@@ -143,6 +147,7 @@ def microfacet_table(
         samples=samples,
         seed=seed,
         progress=progress,
+        occluder=occluder,
     )
     return LightTable(table, *alphas[:2], "log")
 
@@ -157,6 +162,7 @@ def _integrate(
     samples: int,
     seed: int,
     progress: Progress,
+    occluder: Occluder | None = None,
 ) -> Float[Tensor, "2 a p b 3"]:
     """The table's light in torch, on the environment's device."""
     pixels, device = len(surface.hit), environment.radiance.device
@@ -171,6 +177,9 @@ def _integrate(
         rays = filled(surface[part], place[part]).to(device)
         frame, middle = (frames(rays, which, points.u1.dtype) for which in (points.ray, middle_ray))
         u1, u2 = points.shifted(len(frame.cos_v), generator)
+        free = None
+        if occluder is not None:
+            free = occluder.before(spread_places(occluder.origins(surface[part]), place[part])[:, points.ray.cpu()])
         made = []
         for alphas in groups:
             drawn_at = math.sqrt(alphas[0] * alphas[-1])
@@ -178,8 +187,8 @@ def _integrate(
             from_lobe, from_lamps = (
                 _moments(_shares(frame, drawn, drawn_at, alphas, distribution), drawn, degree)
                 for drawn in (
-                    draw_lobe(sampler, frame, drawn_at, asked, u1, u2),
-                    draw_lamps(sampler, frame, asked, generator),
+                    draw_lobe(sampler, frame, drawn_at, asked, u1, u2, free),
+                    draw_lamps(sampler, frame, asked, generator, free),
                 )
             )
             made.append((from_lobe + from_lamps).cpu())
