@@ -18,6 +18,7 @@ from fitter.advise_command import advise
 from fitter.command_options import Out
 from fitter.fit_command import DONE, NO_MATERIAL, demo, fit
 from fitter.frontier_command import frontier
+from fitter.plan_command import plan
 from fitter.printing import flush, say
 from fitter.synth_command import synth
 from fitter.view_command import view
@@ -35,6 +36,7 @@ app = typer.Typer(
 app.command()(view)
 app.command()(advise)
 app.command()(frontier)
+app.command()(plan)
 app.command()(fit)
 app.command()(synth)
 app.command()(demo)

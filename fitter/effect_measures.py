@@ -130,7 +130,7 @@ class Measurement:
             returned = returned_light(self.sample.trace, self.sample.middles, self.setting, made)
             return (returned * relative_weight(whole.mean(0) + returned)).amax(-1)
         without = halves(self.setting.simulating(self.setting.effects - {name}), made, surface)
-        return sure((whole - without) * relative_weight(whole.mean(0))).amax(-1)
+        return sure((whole - without) * relative_weight(torch.maximum(whole, without).mean(0))).amax(-1)
 
     @cached_property
     def _wholes(self) -> dict[str, Float[Tensor, "h p 3"]]:

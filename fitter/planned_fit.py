@@ -51,25 +51,27 @@ def fit_planned(
     for rounds_left in reversed(range(ROUNDS)):
         parts = fit_parts(loaded, trace, planner.simulating(plan), options, progress, scene_file, kinds, kept)
         kinds = _found_kinds(parts, kinds)
+        if rounds_left and set(planner.kept(plan, kinds)) > set(kept):
+            told.append("The type once found, pixels that mirror the object itself were fitted as well.")
+            kept = planner.kept(plan, kinds)
+            continue
+        if plan["interreflection"].on:
+            parts = polished_parts(loaded, parts, options, progress)
         progress("planning", 0)
-        revised = planner.plan(kinds, {part.material.name: part.choice.fit.material for part in parts})
-        came, went = revised.changed(plan)
-        now_kept = planner.kept(revised, kinds)
+        before, plan = plan, planner.plan(kinds, {part.material.name: part.choice.fit.material for part in parts})
+        came, went = plan.changed(before)
         told += _sentences(came, went)
-        again = bool(came) or set(now_kept) > set(kept)
-        plan, kept = revised, now_kept
-        if not again or not rounds_left:
+        if not came:
             break
-    if plan["interreflection"].on:
-        parts = polished_parts(loaded, parts, options, progress)
+        kept = planner.kept(plan, kinds)
     return PlannedFit(parts, plan, told, planner)
 
 
 def _found_kinds(parts: Sequence[FittedPart], before: Sequence[MaterialType | None]) -> list[MaterialType | None]:
-    found = {part.index: part.choice.fit.material.type for part in parts}
-    return [found.get(index, kind) for index, kind in enumerate(before)]
+    found: dict[int, MaterialType] = {part.index: part.choice.fit.material.type for part in parts}
+    return [found[index] if index in found else kind for index, kind in enumerate(before)]
 
 
 def _sentences(came: Sequence[str], went: Sequence[str]) -> list[str]:
-    changes = ((came, "called for by what was found, and added"), (went, "not called for by what was found, and dropped"))
-    return [f"{', '.join(names).capitalize()}: {words}." for names, words in changes if names]
+    added, dropped = "called for by what was found, and added", "not called for by what was found, and dropped"
+    return [f"{', '.join(names)}: {words}." for names, words in ((came, added), (went, dropped)) if names]

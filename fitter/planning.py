@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-
-import torch
 
 from fitter.effect_measures import Measurement, Sample, possible
 from fitter.fidelity import Fidelity
@@ -18,7 +16,7 @@ from fitter.setting import Setting
 from renderer.errors import InputError
 from renderer.gbuffer import Tracer
 from renderer.occlusion import Occluder, occluder
-from renderer.plan import Facts, Plan, planned
+from renderer.plan import Change, Facts, Plan, planned
 from shaders.effects import NAMES
 from shaders.materials import Material
 
@@ -54,9 +52,7 @@ class Planner:
         footprint = min(self.setting.fidelity.footprint, FOOTPRINT)
         return Sample.of(self.loaded.photographs, self.trace, footprint, self.options.seed)
 
-    def plan(
-        self, kinds: Sequence[MaterialType | None], found: Mapping[str, Material] | None = None
-    ) -> Plan:
+    def plan(self, kinds: Sequence[MaterialType | None], found: Mapping[str, Material] | None = None) -> Plan:
         """The effects that the photographs call for.
 
         Args:
@@ -78,8 +74,8 @@ class Planner:
         tolerance = options.tolerance or TOLERANCE
         materials = possible(types) if found is None else found
 
-        def measured(names):
-            everything = replace(self.setting, occluder=self.occluder, effects=NAMES, compiled=_in_torch(self.setting))
+        def measured(names: Collection[str]) -> Mapping[str, Change]:
+            everything = replace(self.setting, occluder=self.occluder, effects=NAMES)
             return Measurement(self.sample, everything, materials, tolerance).changes(names)
 
         wanted = (*options.wanted, *(("interreflection",) if options.polish else ()))
@@ -87,11 +83,12 @@ class Planner:
 
     def simulating(self, plan: Plan) -> Setting:
         """The light with what the plan has on."""
-        hides = plan.on & {"self-visibility", "ambient-occlusion"}
-        return replace(self.setting, occluder=self.occluder if hides else None).simulating(plan.on)
+        by_rays = plan.on - ({"self-visibility"} if plan["interreflection"].on else set())  # else the paths have it
+        hides = by_rays & {"self-visibility", "ambient-occlusion"}
+        return replace(self.setting, occluder=self.occluder if hides else None).simulating(by_rays)
 
     def kept(self, plan: Plan, kinds: Sequence[MaterialType | None]) -> tuple[int, ...]:
-        """Materials of which pixels are taken though they mirror the object: light from there is simulated, or small."""
+        """Materials of which pixels are taken though they mirror the object: its light is simulated there, or small."""
         if plan.avoids:
             return ()
         traced = plan["interreflection"].on
@@ -100,11 +97,6 @@ class Planner:
 
 def _possible_types(kinds: Sequence[MaterialType | None]) -> frozenset[str]:
     return frozenset(KINDS) if None in kinds else frozenset(kind for kind in kinds if kind is not None)
-
-
-def _in_torch(setting: Setting) -> bool | None:
-    """Few pixels are integrated sooner than a kernel for them is compiled."""
-    return False if setting.environment.radiance.device == torch.device("cpu") else None
 
 
 def _untraced(types: frozenset[str], fidelity: Fidelity) -> str | None:

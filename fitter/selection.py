@@ -163,7 +163,13 @@ def _drawn(count: int, most: int, generator: torch.Generator) -> Int[Tensor, " c
 
 
 def _observe(
-    photograph: Photograph, trace: Tracer, candidates: _Candidates, material: int, quota: int, footprint: int, kept: bool
+    photograph: Photograph,
+    trace: Tracer,
+    candidates: _Candidates,
+    material: int,
+    quota: int,
+    footprint: int,
+    kept: bool,
 ) -> Observations | None:
     """The pixels of one material in one photograph, if it has any; those that mirror the object only if `kept`."""
     own = candidates.of(material)

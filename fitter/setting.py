@@ -6,7 +6,6 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
 
-import torch
 from jaxtyping import Float
 from torch import Tensor
 
@@ -43,7 +42,6 @@ class Setting:
         seed: of the integration.
         effects: the names of those that are simulated, of `shaders.effects`.
         occluder: the object, where it may stand before its own light.
-        compiled: whether light tables are integrated by the compiled kernel; where that is possible if None.
     """
 
     environment: Environment
@@ -52,7 +50,6 @@ class Setting:
     seed: int = 0
     effects: frozenset[str] = NAMES
     occluder: Occluder | None = None
-    compiled: bool | None = None
 
     def simulating(self, effects: frozenset[str]) -> Setting:
         """The same light with these effects, and no others."""
@@ -95,7 +92,6 @@ class Setting:
             samples=samples,
             seed=self.seed,
             progress=progress,
-            fused=self.compiled,
             occluder=self._before("self-visibility"),
         )
 

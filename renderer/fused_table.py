@@ -69,8 +69,8 @@ def integrate_fused(
         two halves of the samples, roughness level, pixel, Chebyshev degree, channel; float32, on the CPU.
     """
     from renderer.fused_kernel import moments
-    from renderer.fused_occlusion import Blocked
     from renderer.fused_light import fused_light
+    from renderer.fused_occlusion import Blocked
 
     light, order, levels = fused_light(environment), _by_mirrored_view(surface), sum(map(len, groups))
     pixels, rays = len(surface.hit), rays_of(surface)

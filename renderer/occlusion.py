@@ -53,7 +53,7 @@ class Occluder:
         return torch.from_numpy(face < 0).reshape(starts.shape[:-1])
 
     def openness(self, surface: GBuffer) -> Float[Tensor, " p"]:
-        """The thesis's ambient occlusion of points [p]: share of evenly bright surroundings that light them, in [0, 1]."""
+        """The thesis's ambient occlusion of points [p]: share of even surroundings that light them, in [0, 1]."""
         u1, u2 = torch.quasirandom.SobolEngine(2, scramble=True, seed=0).draw(_RAYS).double().T
         towards = cosine_directions(surface, *(each.expand(len(surface.hit), -1) for each in (u1, u2)))
         return self.free(self.origins(surface)[:, None], towards).double().mean(1)

@@ -120,7 +120,7 @@ class Plan:
     def changed(self, before: Plan) -> tuple[list[str], list[str]]:
         """The effects that came, and those that went."""
         came, went = self.on - before.on, before.on - self.on
-        return [each.name for each in EFFECTS if each.name in came], [each.name for each in EFFECTS if each.name in went]
+        return [name for name in BY_NAME if name in came], [name for name in BY_NAME if name in went]
 
 
 @dataclass(frozen=True)
@@ -128,7 +128,7 @@ class Change:
     """By how much an effect moves the pixels of a sample, relative to their radiance.
 
     Attributes:
-        most: the largest change of a pixel, over the materials that were tried.
+        most: the largest change of a pixel, over the materials that were tried; of the brighter picture's radiance.
         share: of the pixels, that it moves by more than the tolerance.
         material: with which it moves one most, in words.
         pixels: how many were looked at.
@@ -148,7 +148,7 @@ class Change:
 
     def told(self, tolerance: float) -> str:
         """The change as a reason."""
-        bound = f"with 95 % confidence fewer than {self.beyond:.2g} of all move further"
+        bound = f"with 95 % confidence fewer than {self.beyond:.1%} of all move further"
         seen = f"{self.seen}; " if self.seen else ""
         if self.most <= tolerance:
             return f"{seen}it moves none of {self.pixels} pixels by more than {self.most:.2g} of its light; {bound}"
@@ -229,7 +229,9 @@ def _why_off(name: str, facts: Facts) -> str | None:
 
 def _on(facts: Facts) -> dict[str, str]:
     """Effects that structure alone calls for, if it does not rule them out."""
-    sought = {} if facts.found else {"blur": "the roughness is sought"}
+    sought = {} if facts.found and not facts.blurs else {"blur": "the roughness is sought"}
+    if "metal" in facts.kinds:
+        sought["exact-fresnel"] = "n and k differ in it alone"
     horizon = "light from below the surface is not counted"
     return {"reflection": facts.materials, "diffuse-irradiance": facts.materials, "horizon": horizon, **sought}
 
