@@ -7,6 +7,10 @@ from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
 from fitter.choice import Choice, fit_type
 from fitter.fidelity import Fidelity
 from fitter.fit_options import FitOptions
@@ -25,7 +29,7 @@ from fitter.tolerance import FIRST_PIXELS, ascend
 from fitter.uncertainty import Spread, spread
 from fitter.verdicts import seen_by
 from fitter.viewer_roughness import viewer_roughness
-from renderer.gbuffer import Tracer
+from renderer.gbuffer import GBuffer, Tracer
 
 Progress = Callable[[str, float], None]
 
@@ -147,6 +151,20 @@ def polished_parts(
         return replace(made, tolerance=part.tolerance, polish=polish)
 
     return [again(part) for part in parts]
+
+
+def painted(
+    parts: Sequence[FittedPart],
+    surface: GBuffer,
+    radiance_of: Callable[[FittedPart, GBuffer], Float[Tensor, "p 3"]],
+) -> Float[Tensor, "p 3"]:
+    """Radiance of pixels [p, k], each by the part whose material it shows, float64."""
+    radiance = torch.zeros(len(surface.hit), 3, dtype=torch.float64)
+    for part in parts:
+        own = surface.material[:, 0] == part.index
+        if own.any():
+            radiance[own] = radiance_of(part, surface[own])
+    return radiance
 
 
 def _labelled(progress: Progress, name: str, count: int) -> Progress:

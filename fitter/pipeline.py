@@ -11,11 +11,12 @@ import torch
 
 from fitter import quality
 from fitter.curves import Curve, reflectance_curve
+from fitter.effect_strips import strips
 from fitter.fidelity import Fidelity
 from fitter.fit_options import FitOptions
 from fitter.loading import Loaded, load
 from fitter.mtl import ordinary_mtl, thesis_mtl
-from fitter.parts import FittedPart, Progress
+from fitter.parts import FittedPart, Progress, painted
 from fitter.planned_fit import PlannedFit, fit_planned
 from fitter.polish import require_polishable
 from fitter.quality import ViewPictures
@@ -83,7 +84,8 @@ def fit_scene(
         progress("writing the report", 0)
         views = _views(loaded, trace, parts)
         result = _result(loaded, planned, views, clock)
-        page = render_report(result, views, [_curve(part) for part in parts], command=options.command)
+        alone = strips(planned, loaded.photographs.thumbnails[0], trace)
+        page = render_report(result, views, [_curve(part) for part in parts], alone, command=options.command)
         write_text_atomically(folder / "report.html", page)
         write_bytes_atomically(folder / "comparison.png", comparison_png(views))
         write_text_atomically(folder / f"{loaded.name}.thesis.mtl", thesis_mtl(result.materials))
@@ -179,24 +181,21 @@ def _message(loaded: Loaded, planned: PlannedFit, fidelity: Fidelity) -> str:
 def _views(loaded: Loaded, trace: Tracer, parts: Sequence[FittedPart]) -> list[ViewPictures]:
     """Each photograph's thumbnail beside the fitted materials' picture of the same pixels."""
 
+    def shown(part: FittedPart, surface: GBuffer) -> torch.Tensor:
+        samples = part.setting.fidelity.samples // FEWER_SHOWN
+        radiance = part.setting.radiance(part.choice.fit.material, surface, samples)
+        return radiance if part.polish is None else radiance + part.polish.picture(surface)
+
     def shade(surface: GBuffer) -> torch.Tensor:
-        radiance = torch.zeros(len(surface.hit), 3, dtype=torch.float64)
-        for part in parts:
-            own = surface.material[:, 0] == part.index
-            if own.any():
-                samples = part.setting.fidelity.samples // FEWER_SHOWN
-                radiance[own] = part.setting.radiance(part.choice.fit.material, surface[own], samples)
-                if part.polish is not None:
-                    radiance[own] += part.polish.picture(surface[own])
-        return radiance
+        return painted(parts, surface, shown)
 
     views = []
     for seen in loaded.photographs.thumbnails:
         footprint = min(parts[0].setting.fidelity.footprint, SHOWN_FOOTPRINT)
         picture = draw(trace, seen.camera, seen.mask, seen.step, footprint, shade)
         exposure = 1.0 if seen.exposure == "fit" else seen.exposure
-        shown = [(radiance * exposure).numpy() for radiance in (seen.radiance, picture.radiance)]
-        views.append(ViewPictures(seen.name, shown[0], shown[1], picture.mask.numpy()))
+        photograph, fit = ((radiance * exposure).numpy() for radiance in (seen.radiance, picture.radiance))
+        views.append(ViewPictures(seen.name, photograph, fit, picture.mask.numpy()))
     return views
 
 

@@ -68,8 +68,8 @@ def fit_planned(
 
 
 def _found_kinds(parts: Sequence[FittedPart], before: Sequence[MaterialType | None]) -> list[MaterialType | None]:
-    found: dict[int, MaterialType] = {part.index: part.choice.fit.material.type for part in parts}
-    return [found[index] if index in found else kind for index, kind in enumerate(before)]
+    found: dict[int, MaterialType | None] = {part.index: part.choice.fit.material.type for part in parts}
+    return [found.get(index, kind) for index, kind in enumerate(before)]
 
 
 def _sentences(came: Sequence[str], went: Sequence[str]) -> list[str]:
