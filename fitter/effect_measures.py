@@ -14,6 +14,7 @@ from torch import Tensor
 from fitter.album import Album
 from fitter.catalogue import metal
 from fitter.noise import relative_weight
+from fitter.pixel_model import PixelModel
 from fitter.returned_light import returned_light
 from fitter.setting import Setting
 from renderer import gbuffer
@@ -125,23 +126,31 @@ class Measurement:
 
     def _moved(self, name: str, material: str) -> Float[Tensor, " p"]:
         """Relative change of each pixel."""
-        whole, made, surface = self._wholes[material], self.materials[material], self.sample.surface
+        whole, made = self._wholes[material], self.materials[material]
         if name == "interreflection":
             returned = returned_light(self.sample.trace, self.sample.middles, self.setting, made)
             return (returned * relative_weight(whole.mean(0) + returned)).amax(-1)
-        without = halves(self.setting.simulating(self.setting.effects - {name}), made, surface)
+        without = self._halves(self.setting.effects - {name}, made)
         return sure((whole - without) * relative_weight(torch.maximum(whole, without).mean(0))).amax(-1)
 
     @cached_property
-    def _wholes(self) -> dict[str, Float[Tensor, "h p 3"]]:
+    def _wholes(self) -> dict[str, Float[Tensor, "2 p 3"]]:
         """The pictures of all materials with all effects."""
-        return {name: halves(self.setting, made, self.sample.surface) for name, made in self.materials.items()}
+        return {name: self._halves(self.setting.effects, made) for name, made in self.materials.items()}
 
+    def _halves(self, effects: frozenset[str], material: Material) -> Float[Tensor, "2 p 3"]:
+        """The radiance of the sample with these effects, by either half of the integration's samples."""
+        setting, surface = self.setting.simulating(effects), self.sample.surface
+        key = (effects, material.type != "metal")
+        if key not in self._bare:
+            self._bare[key] = setting.pixels(surface, body=key[1])
+        model = self._bare[key].under(setting.table_of(material, surface, SAMPLES))
+        return torch.stack([model.half(which).radiance(material) for which in (0, 1)])
 
-def halves(setting: Setting, material: Material, surface: GBuffer) -> Float[Tensor, "2 p 3"]:
-    """The radiance of pixels [p, k] by either half of the integration's samples."""
-    model = setting.model(material, surface, SAMPLES)
-    return torch.stack([model.half(which).radiance(material) for which in (0, 1)])
+    @cached_property
+    def _bare(self) -> dict[tuple[frozenset[str], bool], PixelModel]:
+        """The sample's models without a table, which all materials share, by effects and whether there is a body."""
+        return {}
 
 
 def sure(change: Float[Tensor, "2 p 3"]) -> Float[Tensor, "p 3"]:

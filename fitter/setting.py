@@ -101,12 +101,16 @@ class Setting:
 
     def model(self, material: Material, surface: GBuffer, samples: int) -> PixelModel:
         """The model of pixels by a table that holds the roughness of one material alone."""
-        model = self.pixels(surface, body=material.type != "metal")
+        bare = self.pixels(surface, body=material.type != "metal")
+        return bare.under(self.table_of(material, surface, samples))
+
+    def table_of(self, material: Material, surface: GBuffer, samples: int) -> LightTable | None:
+        """The light through the lobe of one material alone; None of one that mirrors nothing."""
         if material.type == "matte":
-            return model
+            return None
         roughness = float(material.roughness)
         span = (roughness * 0.999, roughness * 1.001, 1)  # the one level lies in their middle
-        return model.under(self.table(surface, span, samples))
+        return self.table(surface, span, samples)
 
     @cached_property
     def viewers(self) -> Surroundings:

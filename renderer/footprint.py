@@ -35,16 +35,15 @@ class Rays:
 
 
 def middle(surface: GBuffer) -> GBuffer:
-    """One ray for each pixel of [p, k] in place of its k, [p, 1]: their mean."""
+    """One ray for each pixel of [p, k] in place of its k, [p, 1]: mean normal and view, where the nearest ray meets.
 
-    def mean(values: Float[Tensor, "p k 3"]) -> Float[Tensor, "p 1 3"]:
-        return values.mean(1, keepdim=True)
-
-    def unit(values: Float[Tensor, "p k 3"]) -> Float[Tensor, "p 1 3"]:
-        return torch.nn.functional.normalize(mean(values), dim=-1)
-
-    normals = {"normal": unit(surface.normal), "geometric_normal": unit(surface.geometric_normal)}
-    return replace(surface[:, :1], position=mean(surface.position), view=unit(surface.view), **normals)
+    The mean of places would lie below a curved surface.
+    """
+    normal, view = (
+        torch.nn.functional.normalize(each.mean(1, keepdim=True), dim=-1) for each in (surface.normal, surface.view)
+    )
+    nearest = (surface.view * view).sum(-1).argmax(1)
+    return replace(surface[torch.arange(len(nearest)), nearest][:, None], normal=normal, view=view)
 
 
 def rays_of(surface: GBuffer) -> int:

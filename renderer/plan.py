@@ -9,6 +9,7 @@ from renderer.errors import InputError
 from shaders.effects import BY_NAME, EFFECTS, NAMES
 
 MIRRORS = frozenset({"metal", "glossy"})
+_ROUNDING = 1e-6  # relative, of float32's sums
 SCATTERS = frozenset({"glossy", "matte"})
 
 
@@ -150,6 +151,8 @@ class Change:
         """The change as a reason."""
         bound = f"with 95 % confidence fewer than {self.beyond:.1%} of all move further"
         seen = f"{self.seen}; " if self.seen else ""
+        if self.most <= _ROUNDING:
+            return f"{seen}it moves none of {self.pixels} pixels; {bound}"
         if self.most <= tolerance:
             return f"{seen}it moves none of {self.pixels} pixels by more than {self.most:.2g} of its light; {bound}"
         moved = f"it moves {self.share:.1%} of {self.pixels} pixels by more than {tolerance:g} of their light"
