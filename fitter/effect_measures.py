@@ -111,7 +111,7 @@ class Measurement:
         return {name: self._change(name) for name in names}
 
     def _change(self, name: str) -> Change:
-        moved = {each: self._moved(name, each) for each in self.materials if self._shows(name, each)}
+        moved = {each: self.moved(name, each) for each in self.materials if self.shows(name, each)}
         pixels = len(self.sample.surface.hit)
         if not moved:
             return Change(0.0, 0.0, "none", pixels)
@@ -121,10 +121,11 @@ class Measurement:
         seen = itself if name in ("self-visibility", "interreflection") else ""
         return Change(float(moved[worst].max()), share, worst, pixels, seen)
 
-    def _shows(self, name: str, material: str) -> bool:
+    def shows(self, name: str, material: str) -> bool:
+        """Whether that material can show the effect."""
         return self.materials[material].type in KINDS.get(name, ("metal", "glossy", "matte"))
 
-    def _moved(self, name: str, material: str) -> Float[Tensor, " p"]:
+    def moved(self, name: str, material: str) -> Float[Tensor, " p"]:
         """Relative change of each pixel."""
         whole, made = self._wholes[material], self.materials[material]
         if name == "interreflection":

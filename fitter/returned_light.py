@@ -1,7 +1,7 @@
 """Light that a surface receives from the object itself, estimated: what is met is shaded as the viewer shades it.
 
-One bounce, in the far surroundings' light: more bounces add the same share of it again. It says whether paths are worth
-tracing, and traces none.
+One bounce, in the far surroundings' light as far as that arrives; more bounces add less. It says whether paths are
+worth tracing, and traces none.
 """
 
 from __future__ import annotations
@@ -9,7 +9,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import torch
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 from torch import Tensor
 
 from fitter.reflectances import exact_reflectance
@@ -18,6 +18,7 @@ from fitter.viewer_roughness import RHO_PER_ALPHA
 from renderer.appearance import Appearance
 from renderer.gbuffer import GBuffer, Tracer
 from renderer.shading import far_light, shade_surface
+from renderer.transport import reflect
 from renderer.visibility import cosine_directions, lifted, rough_reflections
 from shaders.materials import Glossy, Material, Matte, Metal
 
@@ -55,9 +56,23 @@ def _from_itself(
     origins = surface.position[:, None].expand_as(towards)
     met = trace(origins[above], towards[above])
     shown = replace(met, hit=met.front, material=0 * met.material, part=0 * met.part)
+    shaded = shade_surface(shown, [Appearance(_as_viewed(material))], [far_light(setting.viewers)]).double()
     radiance = torch.zeros_like(towards)
-    radiance[above] = shade_surface(shown, [Appearance(_as_viewed(material))], [far_light(setting.viewers)]).double()
+    radiance[above] = shaded * ~_hidden(trace, shown, material)[:, None]
     return radiance.mean(1)
+
+
+def _hidden(trace: Tracer, met: GBuffer, material: Material) -> Bool[Tensor, " p"]:
+    """Whether the object hides what lights these points: what they mirror, or one direction above a diffuse body."""
+    places = lifted(met)
+    if isinstance(material, Matte):
+        u = torch.rand(2, len(met.hit), 1, generator=torch.Generator().manual_seed(0), dtype=torch.float64)
+        lit_from = cosine_directions(places, *u)[:, 0]
+    else:
+        lit_from = reflect(places)
+    hidden = torch.zeros_like(met.hit)
+    hidden[met.hit] = trace(places.position[met.hit], lit_from[met.hit]).hit
+    return hidden
 
 
 def _as_viewed(material: Material) -> Material:

@@ -123,9 +123,7 @@ SCENES = {
     "a matte ring with a lamp": PlanScene(
         BODY | {"ambient-occlusion", "self-visibility", "pixel-footprint"}, ("matte",), torus(), (LAMP,)
     ),
-    "a glossy ring": PlanScene(
-        MIRRORING | BODY | {"ambient-occlusion", "self-visibility"}, ("glossy",), torus()
-    ),
+    "a glossy ring": PlanScene(MIRRORING | BODY | {"ambient-occlusion", "self-visibility"}, ("glossy",), torus()),
     "balls of three materials": PlanScene(
         MIRRORING | BODY | SELF | {"ambient-occlusion"},
         ("metal", "glossy", "matte"),

@@ -104,7 +104,7 @@ def test_a_diffuse_body_has_the_direct_light_of_mitsuba_lamp_included():
 
 @pytest.mark.skipif(not fused_available(), reason="no LLVM")
 def test_the_kernel_and_torch_agree():
-    """Means over 80 pixels; one seed scatters by 0.45 % of all light, so the difference of 3 and 3 by 0.37 %: thrice."""
+    """Means over 80 pixels: one seed scatters by 0.45 % of all light, the difference of 3 and 3 by 0.37 %; thrice."""
     surface, _ = inside()
     hides = Occluder.of(golden.bowl())
 
@@ -130,7 +130,7 @@ def test_the_kernel_and_torch_agree():
 
 
 def test_openness_of_a_spherical_bowl_is_that_of_its_missing_cap():
-    """From a sphere's inside every part of it is seen in proportion to its area [Lambert 1760]: the cap that is missing.
+    """From a sphere's inside each part of it lights in proportion to its area alone: so does the cap that is missing.
 
     Of 64 rays to a hundred points by one set of Sobol points, with facets of 7°: 2 %.
     """
