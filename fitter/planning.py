@@ -85,7 +85,8 @@ class Planner:
         """The light with what the plan has on."""
         by_rays = plan.on - ({"self-visibility"} if plan["interreflection"].on else set())  # else the paths have it
         hides = by_rays & {"self-visibility", "ambient-occlusion"}
-        return replace(self.setting, occluder=self.occluder if hides else None).simulating(by_rays)
+        before = (self.occluder or Occluder.of(self.loaded.shape)) if hides else None
+        return replace(self.setting, occluder=before).simulating(by_rays)
 
     def kept(self, plan: Plan, kinds: Sequence[MaterialType | None]) -> tuple[int, ...]:
         """Materials of which pixels are taken though they mirror the object: its light is simulated there, or small."""

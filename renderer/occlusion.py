@@ -6,7 +6,6 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
-import numpy as np
 import torch
 from jaxtyping import Bool, Float
 from torch import Tensor
@@ -16,6 +15,7 @@ from renderer.errors import InputError
 from renderer.gbuffer import GBuffer
 from renderer.mesh import Mesh, Shape
 from renderer.raycast import Caster, caster
+from renderer.views import bounding_sphere
 from renderer.visibility import cosine_directions
 
 _RAYS = 64  # of openness: it is known to 1 or 2 %
@@ -37,10 +37,9 @@ class Occluder:
     compiled: Callable[[Any, Any], Any] | None
 
     @staticmethod
-    def of(mesh: Mesh) -> Occluder:
-        """The occluder of a mesh; Mitsuba's current variant is afterwards what it was."""
-        extent = float(np.linalg.norm(np.ptp(mesh.vertices, axis=0)))
-        return Occluder(caster(mesh), OFF * extent, _compiled(mesh))
+    def of(shape: Shape) -> Occluder:
+        """The occluder of a shape, were it convex; Mitsuba's current variant is afterwards what it was."""
+        return Occluder(caster(shape), OFF * 2 * bounding_sphere(shape)[1], _compiled(shape))
 
     def origins(self, surface: GBuffer) -> Float[Tensor, "*p 3"]:
         """Where rays from the surface start."""
@@ -83,7 +82,7 @@ def is_convex(mesh: Mesh) -> bool:
     return bool(joined.is_convex and joined.volume > 0)
 
 
-def _compiled(mesh: Mesh) -> Callable[[Any, Any], Any] | None:
+def _compiled(shape: Shape) -> Callable[[Any, Any], Any] | None:
     """A function from origins and directions, Dr.Jit's arrays without derivatives, to whether light passes."""
     import mitsuba as mi
 
@@ -93,7 +92,7 @@ def _compiled(mesh: Mesh) -> Callable[[Any, Any], Any] | None:
     except InputError:  # no LLVM here
         return None
     try:
-        scene = mi.load_dict({"type": "scene", "object": to_mitsuba.mitsuba_shape(mesh)})
+        scene = mi.load_dict({"type": "scene", "object": to_mitsuba.mitsuba_shape(shape)})
         ray_type, point, vector = mi.Ray3f, mi.Point3f, mi.Vector3f  # of this variant, whatever is current later
     finally:
         if before is not None:

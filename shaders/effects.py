@@ -18,8 +18,8 @@ class Effect:
         name: as files, options and reports have it.
         adds: what a picture has by it.
         called_for: when it can be seen.
-        cost: time that it takes in a fit at the standard fidelity, over that of the light through the lobe, "blur";
-            measured by `python -m tests.bench plan`.
+        cost: time that it takes for some pixels at the standard fidelity, over that of the light through their lobe,
+            "blur"; measured by `python -m tests.bench plan`.
         torch: the function that computes it, "module.function".
         glsl: its twin, "file: function"; None for what the viewer does not draw.
         definition: with which the viewer's shader is compiled where it is on; None where it is always in it.
@@ -39,7 +39,7 @@ EFFECTS: tuple[Effect, ...] = (
         "reflection",
         "the surroundings, mirrored",
         "a material is metal or glossy",
-        0.01,
+        0.4,
         "shaders.shade.reflection",
         "shade.glsl: reflection",
     ),
@@ -63,7 +63,7 @@ EFFECTS: tuple[Effect, ...] = (
         "light-reflection",
         "highlights of directional lights",
         "there are such lights, and something that mirrors them",
-        0.02,
+        0.03,
         "shaders.lobe.light_reflection",
         "lobe.glsl: light_reflection",
         "LIGHTS",
@@ -72,7 +72,7 @@ EFFECTS: tuple[Effect, ...] = (
         "diffuse-irradiance",
         "light that a diffuse body scatters",
         "a material is glossy or matte",
-        0.2,
+        3.0,
         "shaders.shade.scattered",
         "shade.glsl: scattered",
     ),
@@ -106,7 +106,7 @@ EFFECTS: tuple[Effect, ...] = (
         "ambient-occlusion",
         "surroundings that the object hides from its own diffuse body",
         "a map of it is given, or the object is not convex and has a diffuse body",
-        1.5,
+        7.0,
         "renderer.irradiance.diffuse_table",
         "surface.frag: openness",
         "AMBIENT_OCCLUSION",
@@ -142,14 +142,14 @@ EFFECTS: tuple[Effect, ...] = (
         "self-visibility",
         "surroundings and lights that the object, or its neighbour, hides from its own mirroring surface",
         "the object is not convex",
-        0.5,
+        0.6,
         "renderer.occlusion.occluder",
     ),
     Effect(
         "interreflection",
         "light that comes from the object itself, or from its neighbour",
         "the object is not convex",
-        40.0,
+        300.0,
         "renderer.differentiable.DifferentiableScene",
     ),
     Effect(
@@ -163,7 +163,7 @@ EFFECTS: tuple[Effect, ...] = (
         "pixel-footprint",
         "what varies inside of a pixel",
         "a pixel sees more than its middle ray",
-        0.1,
+        0.6,
         "renderer.footprint.filled",
     ),
 )

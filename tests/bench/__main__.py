@@ -21,6 +21,7 @@ from tests.bench import (
     grid,
     loop,
     parity,
+    plan,
     race,
     recovery,
     scaling,
@@ -72,6 +73,7 @@ def parts(asked: argparse.Namespace) -> Parts:
         "loop": ("From photographs to the viewer's picture", loop.rows),
         "parity": ("GLSL against torch", parity.rows),
         "frame": ("Time of a picture", frame.rows),
+        "plan": ("Only the effects that a scene calls for", plan.rows),
         "race": ("Against Mitsuba's own inverse rendering", race.rows),
         "scaling": (
             "Time and memory",
