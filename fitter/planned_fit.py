@@ -58,12 +58,15 @@ def fit_planned(
         if plan["interreflection"].on:
             parts = polished_parts(loaded, parts, options, progress)
         progress("planning", 0)
-        before, plan = plan, planner.plan(kinds, {part.material.name: part.choice.fit.material for part in parts})
-        came, went = plan.changed(before)
+        revised = planner.plan(kinds, {part.material.name: part.choice.fit.material for part in parts})
+        came, went = revised.changed(plan)
+        if came and not rounds_left:
+            told.append(f"{', '.join(came)}: called for by what was found, but {ROUNDS} fits did not settle that.")
+            break
         told += _sentences(came, went)
+        plan, kept = revised, planner.kept(revised, kinds)
         if not came:
             break
-        kept = planner.kept(plan, kinds)
     return PlannedFit(parts, plan, told, planner)
 
 
