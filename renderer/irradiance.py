@@ -8,6 +8,7 @@ The D_b are integrated once; whatever material is asked for afterwards only has 
 
 from __future__ import annotations
 
+import functools
 import math
 from collections.abc import Callable, Iterator
 
@@ -83,12 +84,18 @@ def coefficients(
 
 
 def blocks(environment: Environment, most: int = _BLOCKS) -> tuple[Float[Tensor, "t 3"], Float[Tensor, "t 3"]]:
-    """The environment as a few thousand lamps, `most` at most.
+    """The environment as a few thousand lamps, `most` at most; the last ones are kept, for a plan asks for them often.
 
     Returns:
         unit direction towards each block's centre of light, in world space, and its radiance times solid angle;
         float64, on the CPU. Black blocks are left out.
     """
+    return _blocks(environment, environment.radiance._version, most)
+
+
+@functools.lru_cache(maxsize=2)
+def _blocks(environment: Environment, _version: int, most: int) -> tuple[Float[Tensor, "t 3"], Float[Tensor, "t 3"]]:
+    """The lamps of an environment that is told by its tensor, and a tensor by how often it was changed."""
     levels = [_moments(_refined(environment))]
     while levels[-1].shape[-2] > _COARSEST:
         levels.append(4 * torch.nn.functional.avg_pool2d(levels[-1], 2))
