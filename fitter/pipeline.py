@@ -35,7 +35,7 @@ from renderer.picture import draw
 from renderer.surroundings import directional_light
 from renderer.threads import one_thread_per_operation
 
-FEWER_SHOWN = 4  # a quarter of the fit's directions makes the report's pictures; their noise is in `quality`
+SHOWN_SAMPLES = 128  # directions per pixel of the report's pictures, at most; their noise is in `quality`
 SHOWN_FOOTPRINT = 2
 
 
@@ -183,7 +183,7 @@ def _views(loaded: Loaded, trace: Tracer, parts: Sequence[FittedPart]) -> list[V
         for part in parts:
             own = surface.material[:, 0] == part.index
             if own.any():
-                samples = part.setting.fidelity.samples // FEWER_SHOWN
+                samples = min(part.setting.fidelity.samples, SHOWN_SAMPLES)
                 radiance[own] = part.setting.radiance(part.choice.fit.material, surface[own], samples)
                 if part.polish is not None:
                     radiance[own] += part.polish.picture(surface[own])
