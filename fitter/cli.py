@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import atexit
 import io
 import os
 import signal
@@ -9,7 +10,7 @@ import sys
 import threading
 from contextlib import suppress
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, NoReturn
 
 import typer
 from typer.exceptions import TyperException
@@ -40,6 +41,19 @@ app.command()(plan)
 app.command()(fit)
 app.command()(synth)
 app.command()(demo)
+
+
+def program() -> NoReturn:
+    """`main` in a process of its own, which ends with it: to take torch, JAX and Dr.Jit down takes another second."""
+    code: int | str | None = INTERRUPTED
+    try:
+        main()
+    except SystemExit as ended:
+        code = ended.code
+    flush()
+    sys.stderr.flush()
+    atexit._run_exitfuncs()
+    os._exit(code if isinstance(code, int) else DONE)
 
 
 def main() -> None:
@@ -144,4 +158,4 @@ def _stem(result: Path) -> str:
 
 
 if __name__ == "__main__":
-    main()
+    program()

@@ -10,6 +10,7 @@ exactly, whatever u: the solver's steps cost no more for a million pixels than f
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import torch
@@ -19,7 +20,7 @@ from torch import Tensor
 from fitter.derivative import jacobian
 from fitter.pixel_model import ExactPixels
 from fitter.residuals import Residuals
-from fitter.solve import Solution, Solver
+from fitter.solve import PRECISE, Solution, Solver
 from renderer.threads import map_in_threads
 
 CHUNK = 1024  # pixels at a time, which bounds the memory for their equations
@@ -28,16 +29,17 @@ REWEIGHTED = 5  # times at most that outliers are weighed anew
 STILL = 1e-3  # standard errors by which that may still move the solution
 
 
-def solved(residuals: Residuals, start: Float[Tensor, " x"], solver: Solver) -> Solution:
-    """The least squares of the residuals: condensed where the picture allows it, else as they are.
+def solved(residuals: Residuals, starts: Sequence[Float[Tensor, " x"]], solver: Solver) -> Solution:
+    """The least squares of the residuals: condensed where the picture allows it, else as they are, by the first start.
 
-    Of the minima that the coordinates' further starts lead to, the deepest counts. Outliers are weighed by where the
-    last solution left them, and anew until that moves nothing.
+    Of the minima that the starts lead to, the deepest counts. Outliers are weighed by where the last solution left
+    them, at first by the first start, and anew until that moves nothing.
     """
-    if not residuals.mixes(start):
-        return solver(residuals, start)
-    short = condensed(residuals, start)
-    tried = [solver(short, each, NEAR) for each in (start, *residuals.coordinates.elsewhere(start))]
+    first, *others = starts
+    if not residuals.mixes(first):
+        return solver(residuals, first)
+    short = condensed(residuals, first)
+    tried = [solver(short, each, NEAR if others else PRECISE) for each in starts]
     solution = replace(min(tried, key=lambda each: each.cost), seconds=sum(each.seconds for each in tried))
     for _ in range(REWEIGHTED):
         before = solution

@@ -20,6 +20,7 @@ TAPS = 49
 NAMED = {"pixels": (100, 10_000_000), "levels": (3, 32), "environment_size": (16, 32768)}
 """What numbers the command line may name; samples have a rule of their own."""
 MOST_SAMPLES = 2**16
+GAUSSIAN_PIXELS = 12000  # at most by themselves: no compiled kernel has this lobe
 
 
 @dataclass(frozen=True)
@@ -82,8 +83,8 @@ class Fidelity:
 PRESETS = {
     "viewer": Fidelity("viewer", "lazanyi", "taps", TAPS, TAPS, 4000, 4000, 1, 24, 9, 6, (1.25, 1.05, 1.005)),
     "preview": Fidelity("preview", "conductor", "ggx", 256, 64, 3000, 1000, 2, 12, 5, 12),
-    "standard": Fidelity("standard", "conductor", "ggx", 512, 64, 12000, 1500, 4, 12, 5, 12),
-    "reference": Fidelity("reference", "conductor", "ggx", 2048, 128, 40000, 4000, 7, 14, 7, 16),
+    "standard": Fidelity("standard", "conductor", "ggx", 3072, 64, 40000, 1500, 4, 12, 3, 12, (1.3, 1.05)),
+    "reference": Fidelity("reference", "conductor", "ggx", 8192, 128, 100_000, 4000, 7, 14, 5, 16),
 }
 
 
@@ -132,8 +133,8 @@ def _with_lobe(fidelity: Fidelity, lobe: Lobe) -> Fidelity:
         keys = ("samples", "search_samples", "footprint", "search_levels", "levels", "degree", "spans")
         fidelity = replace(fidelity, **{key: getattr(like, key) for key in keys})
     if lobe == "gaussian":
-        few, many = PRESETS["standard"].search_samples, PRESETS["standard"].samples
-        fidelity = replace(fidelity, samples=many, search_samples=few, search_levels=12, levels=5, spans=(1.3, 1.1))
+        converged = {"samples": 512, "search_samples": 64, "search_levels": 12, "levels": 5, "spans": (1.3, 1.1)}
+        fidelity = replace(fidelity, **converged, pixels=min(fidelity.pixels, GAUSSIAN_PIXELS))
     return replace(fidelity, lobe=lobe)
 
 

@@ -75,7 +75,7 @@ def neighbours_of(surface: GBuffer, count: int = NEIGHBOURS) -> Int[Tensor, "p q
     count = min(count, len(place) - 1)
     if count < 1:
         return torch.zeros(len(place), 1, dtype=torch.long)
-    _, nearest = KDTree(place).query(place, count + 1)
+    _, nearest = KDTree(place).query(place, count + 1, workers=-1)
     return torch.from_numpy(np.asarray(nearest)[:, 1:])
 
 

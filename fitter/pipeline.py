@@ -37,7 +37,7 @@ from renderer.plan import require_choosable
 from renderer.surroundings import directional_light
 from renderer.threads import one_thread_per_operation
 
-FEWER_SHOWN = 4  # a quarter of the fit's directions makes the report's pictures; their noise is in `quality`
+SHOWN_SAMPLES = 128  # directions per pixel of the report's pictures, at most; their noise is in `quality`
 SHOWN_FOOTPRINT = 2
 
 
@@ -182,7 +182,7 @@ def _views(loaded: Loaded, trace: Tracer, parts: Sequence[FittedPart]) -> list[V
     """Each photograph's thumbnail beside the fitted materials' picture of the same pixels."""
 
     def shown(part: FittedPart, surface: GBuffer) -> torch.Tensor:
-        samples = part.setting.fidelity.samples // FEWER_SHOWN
+        samples = min(part.setting.fidelity.samples, SHOWN_SAMPLES)
         radiance = part.setting.radiance(part.choice.fit.material, surface, samples)
         return radiance if part.polish is None else radiance + part.polish.picture(surface)
 

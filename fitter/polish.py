@@ -218,7 +218,7 @@ def _again(fit: Fit, added: tuple[Tangent, ...], solver: Solver) -> Fit:
     model = fit.residuals.model
     assert isinstance(model, PolishedPixels)
     residuals = replace(fit.residuals, model=replace(model, added=added))
-    solution = solved(residuals, fit.x, solver)
+    solution = solved(residuals, [fit.x], solver)
     return Fit(residuals, solution, solution.x, fit.solve_seconds + solution.seconds)
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import torch
 from jaxtyping import Float
@@ -33,7 +34,7 @@ class Residuals:
     photograph: Float[Tensor, "p 3"]
     whitening: Float[Tensor, "p 3 3"]
 
-    @property
+    @cached_property
     def halves(self) -> tuple[Residuals, Residuals]:
         """The same with either half of the light table's samples."""
         first, second = (replace(self, model=self.model.half(which)) for which in (0, 1))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -128,7 +128,19 @@ class Fit:
 
 def fit_material(problem: Problem, kind: MaterialType) -> Fit:
     """Fit a material of one type to the observed pixels."""
-    return refined(problem, draft(problem, kind))
+    return _last(rounds(problem, kind))
+
+
+def rounds(problem: Problem, kind: MaterialType) -> Iterator[Fit]:
+    """The draft of one type, and each round by which it is made precise."""
+    rough = draft(problem, kind)
+    yield rough
+    yield from _refinements(problem, rough)
+
+
+def _last(fits: Iterator[Fit]) -> Fit:
+    *_, last = fits
+    return last
 
 
 def draft(problem: Problem, kind: MaterialType) -> Fit:
@@ -147,42 +159,52 @@ def draft(problem: Problem, kind: MaterialType) -> Fit:
 
 def refined(problem: Problem, rough: Fit) -> Fit:
     """The draft made precise: finer tables around its roughness, the last of them laid anew where it leaves them."""
-    fidelity, fit = problem.fidelity, rough
-    if isinstance(fit.residuals.coordinates, MatteCoordinates):
-        return anew(problem, fit)
-    for factor in fidelity.spans[:-1]:
-        fit = _next_round_within(problem.coarse, fit, factor, min(fidelity.samples, MIDWAY * fidelity.search_samples))
-    return anew(problem, fit)
+    return _last(_refinements(problem, rough))
 
 
 def anew(problem: Problem, fit: Fit) -> Fit:
     """The fit of a problem next to whose solution another one's lies, by the finest tables alone."""
-    if isinstance(fit.residuals.coordinates, MatteCoordinates):
-        return _next_round(problem, fit, None)
-    factor = problem.fidelity.spans[-1]
-    for _ in range(1 + MORE_ROUNDS):
+    return _last(_finest(problem, fit))
+
+
+def _refinements(problem: Problem, fit: Fit) -> Iterator[Fit]:
+    coarse, fidelity = problem.coarse, problem.fidelity
+    samples = min(fidelity.samples, MIDWAY * fidelity.search_samples)
+    for factor in fidelity.spans[:-1] if fit.material.type != "matte" else ():
         span = _span_around(_roughness(fit), factor, problem.whole)
-        fit = _next_round_within(problem, fit, factor, problem.fidelity.samples)
+        fit = _next_round(coarse, fit, coarse.table(span, fidelity.levels, samples, "integrating"))
+        yield fit
+    yield from _finest(problem, fit)
+
+
+def _finest(problem: Problem, fit: Fit) -> Iterator[Fit]:
+    if fit.material.type == "matte":
+        yield _next_round(problem, fit, None)
+        return
+    fidelity = problem.fidelity
+    for _ in range(1 + MORE_ROUNDS):
+        span = _span_around(_roughness(fit), fidelity.spans[-1], problem.whole)
+        table = problem.table(span, fidelity.levels, fidelity.samples, "integrating")
+        fit = _next_round(problem, fit, table, everywhere=True)
+        yield fit
         if not _at_an_end(_roughness(fit), span, problem.whole):
             break
-    return fit
 
 
-def _next_round_within(problem: Problem, before: Fit, factor: float, samples: int) -> Fit:
-    """The next round, by a table from the roughness found so far over the factor to its product with it."""
-    span = _span_around(_roughness(before), factor, problem.whole)
-    return _next_round(problem, before, problem.table(span, problem.fidelity.levels, samples, "integrating"))
+def _next_round(problem: Problem, before: Fit, table: LightTable | None, everywhere: bool = False) -> Fit:
+    """The next problem, its noise taken from the differences to the material found so far, and its solution.
 
-
-def _next_round(problem: Problem, before: Fit, table: LightTable | None) -> Fit:
-    """The next problem, its noise taken from the differences to the material found so far, and its solution."""
+    A round that shall say what the material is, and not only where to look, looks for its n and k everywhere.
+    """
     coordinates, kind = before.residuals.coordinates, before.material.type
     model = problem.pixels(kind).under(table)
     if table is not None:
         coordinates = replace(coordinates, roughness=_interval(table))  # type: ignore[call-arg]
     seen = problem.observed.radiance
     residuals = Residuals(model, coordinates, seen, _whitening(problem, model.radiance(before.material)))
-    solution = solved(residuals, coordinates.free(before.material), problem.solver)
+    start = coordinates.free(before.material)
+    starts = [start, *coordinates.elsewhere(start)] if everywhere else [start]
+    solution = solved(residuals, starts, problem.solver)
     x = unbiased(residuals, solution.x)
     return Fit(residuals, solution, x, before.solve_seconds + solution.seconds)
 

@@ -26,10 +26,10 @@ from fitter.summary import rule
 from fitter.uncertainty import integration_share, intervals95, is_determined, spread, standard_errors
 from renderer.errors import InputError
 
-SURE = 2.4  # standard errors that the largest of ten related errors keeps to in 95 %: 1.96 of one, 2.80 of unrelated
+SURE = 2.1  # standard errors that the largest of ten errors keeps to in 95 %: 1.96 where one dwarfs all others
 AIM = 0.8  # of the tolerance: an effort is chosen by errors that are themselves estimates
-FIRST_PIXELS, FIRST_SAMPLES = 3000, 256
-LAST_SAMPLES, LAST_LEVELS = 4096, 9
+FIRST_PIXELS, FIRST_SAMPLES, FIRST_LEVELS = 3000, 256, 5  # of fewer levels no error of interpolation can be told
+LAST_SAMPLES, LAST_LEVELS = 8192, 9
 MOST_RUNGS = 6
 GROWTH = (1, 1.5, 2, 3, 4, 6, 8, 12)  # of pixels or samples from one rung to the next
 PER_PIXEL = 1200  # samples that take as long as all else that a pixel costs, rays and errors above all
@@ -189,7 +189,7 @@ def ascend(
         tolerance: relative, in (0, 1).
     """
     begun = time.perf_counter()
-    effort = Effort(FIRST_PIXELS, FIRST_SAMPLES, fidelity.levels)
+    effort = Effort(FIRST_PIXELS, FIRST_SAMPLES, max(FIRST_LEVELS, fidelity.levels))
     problem = problem_at(effort.of(fidelity))
     choice = fit_type(problem, kind)
     rungs: list[Rung] = []

@@ -6,14 +6,16 @@ import math
 from dataclasses import dataclass, replace
 
 import torch
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 from torch import Tensor
 
 from renderer import chebyshev
 from renderer.gbuffer import GBuffer, equal_weight_nodes
 
 FEW = 9  # traced rays, from which no others can be told
-STRATA = 6  # along each side of a pixel, for each half of its rays
+STRATA = (6, 12, 20)  # along each side of a pixel, for each half of its rays: from flat pixels to bent ones
+ACROSS = 3.5  # of a pixel's normals from edge to edge, in root mean squares of their tilt: √12 where they turn evenly
+IN_LOBE = 2  # strata to the width of a lobe: what is mirrored by less of a pixel must not slip through between rays
 SMOOTH = 0.02  # share of the highest polynomial in what was traced, beyond which there is an edge between
 BENT = 0.2  # radian between two traced rays of a pixel, beyond which the same is said
 LEVEL = 1e-6  # radian by which normals differ that are parallel
@@ -29,6 +31,17 @@ class Rays:
     @property
     def n_dot_v(self) -> Float[Tensor, "p r"]:
         return (self.normal * self.view).sum(-1)
+
+    @property
+    def mean(self) -> Rays:
+        """One ray for all of each pixel's, [p, 1]."""
+        found = (part.mean(1, keepdim=True) for part in (self.normal, self.view))
+        return Rays(*(torch.nn.functional.normalize(part, dim=-1) for part in found))
+
+    @property
+    def tilt(self) -> Float[Tensor, " p"]:
+        """Mean squared angle of each pixel's normals about their mean, by the mean of 2 (1 - cos)."""
+        return 2 * (1 - self.normal.mean(1).norm(dim=-1)).clamp_min(0)
 
     def to(self, device: torch.device) -> Rays:
         return Rays(self.normal.to(device), self.view.to(device))
@@ -46,17 +59,45 @@ def middle(surface: GBuffer) -> GBuffer:
     return replace(surface[torch.arange(len(nearest)), nearest][:, None], normal=normal, view=view)
 
 
-def rays_of(surface: GBuffer) -> int:
+def strata_of(surface: GBuffer, alpha: float, samples: int) -> Int[Tensor, " p"]:
+    """How many strata along its side each pixel needs, of `STRATA`.
+
+    Near the silhouette the normals of one pixel turn by several widths of a narrow lobe. More rays than directions
+    would tell nothing; nor would more between traced rays that an edge divides.
+
+    Args:
+        surface: [p, k] rays inside each pixel.
+        alpha: the narrowest lobe's width.
+        samples: directions per pixel, for both halves, a half of which is drawn for rays from the lobe.
+    """
+    few = torch.full((len(surface.hit),), STRATA[0])
+    if surface.hit.shape[1] < FEW:
+        return few
+    side = math.isqrt(surface.hit.shape[1])
+    needed = Rays(surface.normal, surface.view).tilt.sqrt() * (ACROSS * IN_LOBE / alpha)
+    needed[~is_smooth(surface.normal.reshape(-1, side, side, 3))] = 0
+    for finer, coarser in zip(STRATA[1:], STRATA, strict=False):
+        if finer**2 <= samples // 4:
+            few[needed > coarser] = finer
+    return few
+
+
+def rays_of(surface: GBuffer, strata: int) -> int:
     """How many rays `filled` has for each pixel."""
-    return surface.hit.shape[1] if surface.hit.shape[1] < FEW else 2 * STRATA**2
+    return surface.hit.shape[1] if surface.hit.shape[1] < FEW else 2 * strata**2
 
 
-def places(surface: GBuffer, seed: int) -> Float[Tensor, "p r 2"]:
-    """Row and column within each pixel, in (0, 1), of rays all over it: two jittered grids, anew in every pixel."""
+def places(numbers: Int[Tensor, " p"], strata: int, seed: int) -> Float[Tensor, "p r 2"]:
+    """Row and column within each pixel, in (0, 1), of rays all over it: two jittered grids.
+
+    Every pixel's are shifted within their strata by its own [Cranley & Patterson 1976], which follows from its number
+    and the seed alone.
+    """
     generator = torch.Generator().manual_seed(seed)
-    cell = torch.stack(torch.meshgrid(torch.arange(STRATA), torch.arange(STRATA), indexing="ij"), -1).reshape(-1, 2)
-    jitter = torch.rand(len(surface.hit), 2 * STRATA**2, 2, generator=generator)
-    return (cell.repeat(2, 1) + jitter) / STRATA
+    cell = torch.stack(torch.meshgrid(torch.arange(strata), torch.arange(strata), indexing="ij"), -1).reshape(-1, 2)
+    jitter = torch.rand(2 * strata**2, 2, generator=generator)
+    shift = torch.rand(1 + int(numbers.max()), 2, generator=generator)[numbers]
+    return (cell.repeat(2, 1) + (jitter + shift[:, None]) % 1) / strata
 
 
 def spread_places(positions: Float[Tensor, "p k 3"], place: Float[Tensor, "p r 2"]) -> Float[Tensor, "p r 3"]:

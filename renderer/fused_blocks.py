@@ -61,24 +61,24 @@ class Asked:
     ends: UInt32
 
     @staticmethod
-    def by(blocks: FusedBlocks, middle: Floats[Tensor, "p 8"], alpha: float, even: float = EVEN) -> Asked:
-        """The chances for pixels whose middle rays' frames are packed, at one α; see `lamp_blocks.chances`."""
-        pixel = dr.arange(UInt32, len(middle))
-        packed = Float(middle.flatten().numpy())
+    def by(blocks: FusedBlocks, mean: Floats[Tensor, "p 8"], widths: Floats[Tensor, " p"], even: float = EVEN) -> Asked:
+        """The chances for pixels whose mean rays' frames are packed, for lobes of `lamp_blocks.width`."""
+        pixel = dr.arange(UInt32, len(mean))
+        packed = Float(mean.flatten().numpy())
         axes = [dr.gather(Array4f, packed, 2 * pixel + half) for half in (0, 1)]
-        width, evenly = dr.opaque(Float, alpha), dr.opaque(Float, even)
+        width, evenly = Float(widths.float().numpy()), dr.opaque(Float, even)
 
         def seen(block: Any) -> Any:
             return _seen(blocks, axes, width, block)
 
-        start = dr.zeros(UInt32, len(middle))
+        start = dr.zeros(UInt32, len(mean))
         _, total = dr.while_loop(
-            (start, dr.zeros(Float, len(middle))),
+            (start, dr.zeros(Float, len(mean))),
             lambda block, total: block < _COUNT,
             lambda block, total: (block + 1, total + seen(block)),
             label="sum",
         )
-        ends = dr.zeros(UInt32, len(middle) * _COUNT)
+        ends = dr.zeros(UInt32, len(mean) * _COUNT)
 
         def accumulate(block: Any, end: Any) -> tuple[Any, Any]:
             share = dr.gather(Float, blocks.shares, block)

@@ -14,11 +14,13 @@ from jaxtyping import Float as Floats
 from jaxtyping import Int as Ints
 from torch import Tensor
 
+from renderer import lamp_blocks
 from renderer.fused_blocks import Asked
 from renderer.fused_light import FusedLight, Looked
 from renderer.fused_lobe import View, reflected, sample_visible_normals, visible_normal_density
 from renderer.fused_occlusion import Blocked
 from renderer.fused_random import Draws
+from renderer.fused_table import PackedRays
 from renderer.lamp_blocks import EVEN
 from shaders.lobe import Distribution
 
@@ -82,7 +84,7 @@ class Group:
 
 def moments(
     light: FusedLight,
-    frames: Floats[Tensor, "p k 8"],
+    rays: PackedRays,
     numbers: Ints[Tensor, " p"],
     groups: Sequence[Sequence[float]],
     distribution: Distribution,
@@ -94,16 +96,17 @@ def moments(
     """Means of T_b(2 cos_d - 1) · light over each half of the samples, of all roughnesses of the groups.
 
     Args:
-        frames: of `fused_table.packed_frames`.
-        numbers: of the pixels; a pixel's random numbers follow from its number and the seed alone.
+        rays: of the pixels.
+        numbers: theirs; a pixel's random numbers follow from its number and the seed alone.
         blocked: what stands before the light; None compiles a kernel without a ray.
     """
-    pixels, rays = frames.shape[:2]
-    packed, per_pixel = Float(frames.flatten().numpy()), dr.opaque(UInt32, rays)
+    pixels, count = rays.frames.shape[:2]
+    packed, per_pixel = Float(rays.frames.flatten().numpy()), dr.opaque(UInt32, count)
     thread = dr.arange(UInt32, 2 * pixels)
-    draws = Draws.of(numbers.repeat_interleave(2), thread & 1, samples, rays, seed)
+    draws = Draws.of(numbers.repeat_interleave(2), thread & 1, samples, count, seed)
     lobes, middle = [Group.of(alphas) for alphas in groups], math.sqrt(groups[0][0] * groups[-1][-1])
-    asked = Asked.by(light.blocks, frames[:, 0], middle, EVEN if len(groups) == 1 else EVENLY)
+    evenly = EVEN if len(groups) == 1 else EVENLY
+    asked = Asked.by(light.blocks, rays.mean, lamp_blocks.width(middle, rays.tilt), evenly)
 
     def body(i: Any, sums: list[Any]) -> tuple[Any, list[Any]]:
         u1, u2, ray = draws.lobe(i)

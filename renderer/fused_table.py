@@ -9,9 +9,10 @@ from __future__ import annotations
 import functools
 import math
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
 
 import torch
-from jaxtyping import Float
+from jaxtyping import Float, Int
 from torch import Tensor
 
 from renderer.environment import Environment
@@ -42,9 +43,11 @@ def fused_available() -> bool:
 
 def integrate_fused(
     surface: GBuffer,
+    numbers: Int[Tensor, " p"],
     environment: Environment,
     groups: Sequence[Sequence[float]],
     *,
+    strata: int,
     distribution: lobe.Distribution,
     degree: int,
     samples: int,
@@ -56,8 +59,10 @@ def integrate_fused(
 
     Args:
         surface: [p, k] rays inside each of p pixels, all on the front of the object.
+        numbers: of the pixels; their random numbers follow from them and the seed.
         environment: the light, on the CPU.
         groups: roughnesses, ascending; one group's directions are drawn for their middle.
+        strata: along each side of the pixels, see `footprint.strata_of`.
         distribution: "ggx" or "beckmann".
         degree: number of Chebyshev polynomials for the reflectance.
         samples: directions per pixel and level, a multiple of 4.
@@ -73,26 +78,47 @@ def integrate_fused(
     from renderer.fused_occlusion import Blocked
 
     light, order, levels = fused_light(environment), _by_mirrored_view(surface), sum(map(len, groups))
-    pixels, rays = len(surface.hit), rays_of(surface)
-    place = places(surface, seed)
+    pixels, rays = len(surface.hit), rays_of(surface, strata)
     step = max(_PIXELS, min(_SAMPLES // (samples * levels), _RAYS // rays))
     table = torch.empty(2, levels, pixels, degree, 3)
     parts = order.split(step)
 
-    def prepared(chosen: Tensor) -> Float[Tensor, "p k 8"]:
-        return packed_frames(filled(surface[chosen], place[chosen]))
+    def prepared(chosen: Tensor) -> PackedRays:
+        own = surface[chosen]
+        return packed(filled(own, places(numbers[chosen], strata, seed)))
 
-    for done, (chosen, frames) in enumerate(zip(parts, one_ahead(prepared, parts), strict=True), 1):
+    for done, (chosen, there) in enumerate(zip(parts, one_ahead(prepared, parts), strict=True), 1):
         blocked = None
         if occluder is not None:
-            blocked = Blocked.of(occluder, spread_places(occluder.origins(surface[chosen]), place[chosen]))
+            starts = occluder.origins(surface[chosen])
+            blocked = Blocked.of(occluder, spread_places(starts, places(numbers[chosen], strata, seed)))
         made = [
-            moments(light, frames, chosen, each, distribution, degree, samples, seed, blocked)
+            moments(light, there, numbers[chosen], each, distribution, degree, samples, seed, blocked)
             for each in _batches(groups)
         ]
         table[:, :, chosen] = torch.cat(made, 1)
         progress(done / len(parts))
     return table
+
+
+@dataclass(frozen=True)
+class PackedRays:
+    """Pixels' rays as a kernel takes them.
+
+    Attributes:
+        frames: of each ray, by `packed_frames`.
+        mean: the same of all of a pixel's together.
+        tilt: of `Rays`.
+    """
+
+    frames: Float[Tensor, "p k 8"]
+    mean: Float[Tensor, "p 8"]
+    tilt: Float[Tensor, " p"]
+
+
+def packed(rays: Rays) -> PackedRays:
+    """The rays, packed."""
+    return PackedRays(packed_frames(rays), packed_frames(rays.mean)[:, 0], rays.tilt)
 
 
 def packed_frames(surface: Rays) -> Float[Tensor, "p k 8"]:

@@ -72,21 +72,34 @@ def turned(towards: Float[Tensor, "*p 3"], degrees: float) -> Float[Tensor, "*p 
     return torch.stack([x * cos + z * sin, y, z * cos - x * sin], -1)
 
 
+def width(alpha: float, tilt: Float[Tensor, " p"]) -> Float[Tensor, " p"]:
+    """Of the lobe that all of a pixel shows, a microfacet width: facets' slopes and the surface's own add up.
+
+    α² is the variance of slopes along both axes together; the surface bends along one more than along the other, and
+    counts as if it did so along both.
+
+    Args:
+        alpha: microfacet width.
+        tilt: mean squared angle between the pixel's normals and their mean.
+    """
+    return (alpha**2 + 2 * tilt).sqrt()
+
+
 def chances(
     blocks: LampBlocks,
     cos_v: Float[Tensor, "p 1"],
     sin_v: Float[Tensor, "p 1"],
     towards: tuple[Float[Tensor, "p k"], ...],
-    alpha: float,
+    alpha: Float[Tensor, "p 1"],
 ) -> Float[Tensor, "p k"]:
     """Probability by which each pixel asks each block.
 
     The lobe is widened by the block's own extent, for its middle stands for all of it.
 
     Args:
-        cos_v, sin_v: of the view in the frame of the pixel's middle ray.
+        cos_v, sin_v: of the view in the frame of the pixel's mean ray.
         towards: the blocks' directions in that frame.
-        alpha: α, microfacet width.
+        alpha: see `width`.
     """
     x, y, z = towards
     hx, hz = x + sin_v, z + cos_v

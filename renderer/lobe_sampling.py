@@ -165,11 +165,13 @@ def draw_lamps(
     return Directions(lz, cos_h, cos_d, radiance, told * _preferred(sampler, asked, block), density / told)
 
 
-def asked_blocks(sampler: LightSampler, middle: Frames, alpha: float) -> Float[Tensor, "p k"]:
-    """The chances of `lamp_blocks`, of pixels whose middle rays are given, [p, 1]."""
+def asked_blocks(sampler: LightSampler, rays: Rays, alpha: float) -> Float[Tensor, "p k"]:
+    """The chances of `lamp_blocks`, of pixels whose rays are given, in the dtype of the blocks' directions."""
     blocks = sampler.lamps.blocks
-    towards = middle.to_local(*(blocks.towards[None, :, i] for i in range(3)))
-    return lamp_blocks.chances(blocks, middle.cos_v, middle.sin_v, towards, alpha)
+    mean = frames(rays.mean, torch.tensor([0], device=rays.normal.device), blocks.towards.dtype)
+    towards = mean.to_local(*(blocks.towards[None, :, i] for i in range(3)))
+    width = lamp_blocks.width(alpha, rays.tilt).to(blocks.towards.dtype)[:, None]
+    return lamp_blocks.chances(blocks, mean.cos_v, mean.sin_v, towards, width)
 
 
 def _choose(asked: Float[Tensor, "p k"], u: Float[Tensor, "p s"]) -> tuple[Tensor, Tensor]:

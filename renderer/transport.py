@@ -16,13 +16,13 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 import torch
-from jaxtyping import Float
+from jaxtyping import Float, Int
 from torch import Tensor
 
 from renderer import chebyshev, cubemap, latlong
 from renderer.cubemap import Cubemap
 from renderer.environment import Environment
-from renderer.footprint import filled, places, rays_of, spread_places
+from renderer.footprint import filled, places, rays_of, spread_places, strata_of
 from renderer.fused_table import fused_available, integrate_fused
 from renderer.gbuffer import GBuffer
 from renderer.latlong import LatLong
@@ -34,6 +34,7 @@ from shaders import lobe
 Reflectance = Callable[[Float[Tensor, "b 1"]], Float[Tensor, "b c"]]
 Progress = Callable[[float], None]
 
+_MOST_PIXELS = 10_000_000  # that have random numbers of their own
 _CHUNK = 1 << 16  # samples at a time; their some forty intermediate tensors then stay in the cache
 SHARED_SPAN = 1.6  # factor between the roughnesses that share directions: their weights differ by its square at most
 
@@ -138,25 +139,39 @@ def microfacet_table(
         fused = _fits_the_kernel(environment.radiance) and fused_available()
         fused = fused and (occluder is None or occluder.compiled is not None)
     integrate = integrate_fused if fused else _integrate
-    table = integrate(
-        surface,
-        environment,
-        groups,
-        distribution=distribution,
-        degree=degree,
-        samples=samples,
-        seed=seed,
-        progress=progress,
-        occluder=occluder,
-    )
+    table, done = torch.empty(2, alphas[2], len(surface.hit), degree, 3, dtype=environment.radiance.dtype), 0
+    needed = strata_of(surface, alphas[0], samples)
+    for strata in needed.unique().tolist():
+        chosen = (needed == strata).nonzero()[:, 0]
+        table[:, :, chosen] = integrate(
+            surface[chosen],
+            chosen,
+            environment,
+            groups,
+            strata=strata,
+            distribution=distribution,
+            degree=degree,
+            samples=samples,
+            seed=seed,
+            occluder=occluder,
+            progress=_part_of(progress, done / len(needed), len(chosen) / len(needed)),
+        )
+        done += len(chosen)
     return LightTable(table, *alphas[:2], "log")
+
+
+def _part_of(progress: Progress, begun: float, share: float) -> Progress:
+    """Progress of a share of the work, after what was begun."""
+    return lambda part: progress(begun + share * part)
 
 
 def _integrate(
     surface: GBuffer,
+    numbers: Int[Tensor, " p"],
     environment: Environment,
     groups: list[list[float]],
     *,
+    strata: int,
     distribution: lobe.Distribution,
     degree: int,
     samples: int,
@@ -164,26 +179,26 @@ def _integrate(
     progress: Progress,
     occluder: Occluder | None = None,
 ) -> Float[Tensor, "2 a p b 3"]:
-    """The table's light in torch, on the environment's device."""
+    """The table's light in torch, on the environment's device; for the arguments see `fused_table.integrate_fused`."""
     pixels, device = len(surface.hit), environment.radiance.device
     sampler = LightSampler.of(environment)
-    points = Points.draw(samples // 2, rays_of(surface), seed, environment.radiance)
-    middle_ray = torch.tensor([0], device=device)
-    step, place = max(1, _CHUNK // samples), places(surface, seed)
+    points = Points.draw(samples // 2, rays_of(surface, strata), seed, environment.radiance)
+    step = max(1, _CHUNK // samples)
 
     def integrate(start: int) -> Float[Tensor, "2 a c b 3"]:
-        generator = torch.Generator(device).manual_seed(seed * pixels + start)
-        part = slice(start, start + step)
-        rays = filled(surface[part], place[part]).to(device)
-        frame, middle = (frames(rays, which, points.u1.dtype) for which in (points.ray, middle_ray))
+        part = surface[start : start + step]
+        generator = torch.Generator(device).manual_seed(seed * _MOST_PIXELS + int(numbers[start]))
+        rays = filled(part, places(numbers[start : start + step], strata, seed)).to(device)
+        frame = frames(rays, points.ray, points.u1.dtype)
         u1, u2 = points.shifted(len(frame.cos_v), generator)
         free = None
         if occluder is not None:
-            free = occluder.before(spread_places(occluder.origins(surface[part]), place[part])[:, points.ray.cpu()])
+            place = places(numbers[start : start + step], strata, seed)
+            free = occluder.before(spread_places(occluder.origins(part), place)[:, points.ray.cpu()])
         made = []
         for alphas in groups:
             drawn_at = math.sqrt(alphas[0] * alphas[-1])
-            asked = asked_blocks(sampler, middle, drawn_at)
+            asked = asked_blocks(sampler, rays, drawn_at)
             from_lobe, from_lamps = (
                 _moments(_shares(frame, drawn, drawn_at, alphas, distribution), drawn, degree)
                 for drawn in (

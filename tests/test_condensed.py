@@ -82,11 +82,11 @@ def test_outliers_weigh_as_hubers_loss_has_it(residuals):
 def test_every_start_leads_to_the_same_metal(residuals):
     """24 starts, spread over the domain, end within a hundredth of an error of each other."""
     truth = residuals.coordinates.free(gold(0.25))
-    best = solved(residuals, truth, SOLVERS["lm"])
+    best = solved(residuals, [truth], SOLVERS["lm"])
     short = condensed(residuals, best.x)
     information = short.jacobian(best.x).T @ short.jacobian(best.x)
     for start in anywhere(24):
-        found = solved(residuals, start, SOLVERS["lm"])
+        found = solved(residuals, [start, *residuals.coordinates.elsewhere(start)], SOLVERS["lm"])
         way = found.x - best.x
         assert found.status == "converged"
         assert math.sqrt(float(way @ information @ way)) < 0.01, start
@@ -105,7 +105,8 @@ def test_the_deepest_of_several_minima_counts(residuals):
             return Solution(start, 0.5 * float(residual(start).square().sum()), "converged", 0, 0.0)
         return SOLVERS["lm"](residual, start, tolerance)
 
-    found, best = solved(residuals, wrong, lazy), solved(residuals, truth, SOLVERS["lm"])
+    starts = [wrong, *residuals.coordinates.elsewhere(wrong)]
+    found, best = solved(residuals, starts, lazy), solved(residuals, [truth], SOLVERS["lm"])
     torch.testing.assert_close(found.x, best.x, atol=1e-3, rtol=0)
 
 

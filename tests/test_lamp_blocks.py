@@ -9,8 +9,8 @@ import torch
 from renderer import lamp_blocks, lamps, latlong, transport
 from renderer.environment import Environment
 from renderer.footprint import Rays
-from renderer.fused_table import fused_available, packed_frames
-from renderer.lobe_sampling import LightSampler, asked_blocks, frames
+from renderer.fused_table import fused_available, packed
+from renderer.lobe_sampling import LightSampler, asked_blocks
 from tests.test_lamps import cells, night, shares
 from tests.test_transport import facing, shaded, white
 
@@ -48,8 +48,8 @@ def rays(n_dot_v: list[float]) -> Rays:
 
 @pytest.mark.parametrize("alpha", [0.005, 0.1, 0.7])
 def test_chances_are_chances_and_leave_no_light_out(alpha):
-    sampler, middle = LightSampler.of(LIGHT), frames(rays([1.0, 0.5, 0.05]), torch.tensor([0]))
-    found = asked_blocks(sampler, middle, alpha)
+    sampler = LightSampler.of(LIGHT)
+    found = asked_blocks(sampler, rays([1.0, 0.5, 0.05]), alpha)
     torch.testing.assert_close(found.sum(1), torch.ones(3))
     lit = sampler.lamps.blocks.share > 0
     assert (found[:, lit] >= 0.999 * lamp_blocks.EVEN * sampler.lamps.blocks.share[lit]).all()
@@ -62,8 +62,9 @@ def test_the_kernel_asks_as_torch_does(alpha):
     from renderer.fused_blocks import Asked, FusedBlocks
 
     seen, sampler = rays([0.9, 0.4, 0.1]), LightSampler.of(LIGHT)
-    expected = asked_blocks(sampler, frames(seen, torch.tensor([0])), alpha)
-    asked = Asked.by(FusedBlocks.of(sampler.lamps.blocks), packed_frames(seen)[:, 0], alpha)
+    expected, there = asked_blocks(sampler, seen, alpha), packed(seen)
+    widths = lamp_blocks.width(alpha, there.tilt)
+    asked = Asked.by(FusedBlocks.of(sampler.lamps.blocks), there.mean, widths)
     ends = asked.ends.numpy().reshape(3, -1).astype(np.float64) / 2**32
     np.testing.assert_allclose(np.diff(ends, prepend=0, axis=1), expected.numpy(), rtol=1e-3, atol=3e-5)
 

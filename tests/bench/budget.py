@@ -91,7 +91,7 @@ def _shifts(problem: Problem, fine: GBuffer, fit: Fit) -> Iterator[tuple[str, Te
 
     plain = picture()
     yield "reflectance by 12 polynomials (24)", _moved(fit, plain - picture(degree=24))
-    yield "5 levels of roughness (9)", _moved(fit, plain - picture(levels=9))
+    yield f"{fidelity.levels} levels of roughness (9)", _moved(fit, plain - picture(levels=9))
     yield "rays between 4 × 4 traced (7 × 7)", _moved(fit, plain - picture(surface=fine))
     yield "noise of the light table, its chance", _chance(fit)
     yield "… its bias, which the crossed halves remove", fit.solution.x - fit.x

@@ -30,7 +30,7 @@ SIZE = 128  # pixels along a side: some more than the standard fit has
 PRESETS = ("standard", "reference")  # whose numbers of samples are taken; torch only by the first's, for its time
 INSCRIBED = 0.6  # half the picture's width in radii: every pixel sees the sphere, and none just its background
 USUAL_REPEATS, MOST_REPEATS = 5, 20
-LEVELS = (1, 5)
+LEVELS = (1, preset("standard").levels)
 METAL, ALPHA, ENVIRONMENT = "Au", 0.2, "studio_small_03"
 
 COUNTED = (
