@@ -33,6 +33,8 @@ from renderer.gbuffer import GBuffer, Tracer
 
 Progress = Callable[[str, float], None]
 
+MOST_TRACED = 4000  # pixels, of which paths take a minute or two; what they leave uncertain in F0 is a thousandth
+
 
 @dataclass(frozen=True)
 class FittedPart:
@@ -144,10 +146,11 @@ def polished_parts(
             return replace(part, told=f"{part.told} It is no metal, so that the polish left it as it was.")
         label = _labelled(progress, part.material.name, len(parts))
         unhindered = replace(part.setting, occluder=None)  # what the object hides, the paths know
-        problem = Problem(part.observed, unhindered, SOLVERS[options.solver], label)
+        few = part.observed[:: -(-len(part.observed.radiance) // MOST_TRACED)]
+        problem = Problem(few, unhindered, SOLVERS[options.solver], label)
         polish = polished(problem, part.choice.fit, polish_scene(loaded, part.setting, found, part.index))
         choice = replace(part.choice, fit=polish.fit)
-        made = _part(part.index, part.material.name, part.observed, choice, unhindered, options.prior)
+        made = _part(part.index, part.material.name, few, choice, unhindered, options.prior)
         return replace(made, tolerance=part.tolerance, polish=polish)
 
     return [again(part) for part in parts]

@@ -38,7 +38,7 @@ from tests import bowl as golden
 from tests.plan_scenes import LAMP, row_of_balls, torus, write_obj
 
 SIZE, SPP = 64, 512
-FIDELITY = PRESETS["preview"]
+FIDELITY = replace(PRESETS["standard"], pixels=1500, samples=512)
 EVERYTHING = ("self-visibility", "interreflection", "ambient-occlusion", "light-reflection", "pixel-footprint")
 ROUNDS = 7  # of paths that a polish traces: three, and some four until it settles
 GOLD = conductor(golden.N, golden.K, golden.ALPHA)
