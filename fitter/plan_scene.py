@@ -12,6 +12,7 @@ from fitter.planning import Planner
 from fitter.progress import Progress
 from fitter.tolerance import require_tolerance
 from renderer import gbuffer
+from renderer.errors import InputError
 from renderer.plan import Plan, require_choosable
 from renderer.threads import one_thread_per_operation
 
@@ -32,4 +33,7 @@ def plan_scene(scene_file: Path, options: FitOptions, progress: Progress = lambd
         progress("planning", 0)
         setting = setting_of(loaded, options, device)
         planner = Planner(loaded, gbuffer.tracer(loaded.shape), setting, options)
+        if not len(planner.sample.surface.hit):
+            expected = "a camera that sees the object's front in the pixels its photograph shows"
+            raise InputError(scene_file, "photographs", value="", expected=expected)
         return planner.plan(kinds_of(loaded, options))

@@ -164,3 +164,15 @@ def test_the_command_prints_and_writes_nothing(gold_scene, capfd, monkeypatch):
     on = {effect["name"] for effect in effects if effect["on"]}
     assert on == {"reflection", "blur", "horizon", "exact-fresnel", "pixel-footprint"}
     assert sorted(gold_scene.parent.iterdir()) == before
+
+
+def test_a_camera_that_sees_nothing_is_refused(gold_scene, capfd, monkeypatch):
+    gold_scene.write_text(gold_scene.read_text().replace("target = [0.0, 0.0, 0.0]", "target = [99.0, 0.0, 0.0]"))
+    monkeypatch.setattr(sys, "argv", ["fit-material", "plan", str(gold_scene)])
+    with pytest.raises(SystemExit) as ended:
+        cli.main()
+    assert ended.value.code == 2
+    sentence = (
+        "photographs: is missing, expected a camera that sees the object's front in the pixels its photograph shows"
+    )
+    assert capfd.readouterr().err.rstrip().endswith(sentence)
