@@ -59,7 +59,7 @@ def test_the_plan_is_the_set_that_the_scene_was_built_for(name, planner_of):
 
 @pytest.mark.parametrize(("alpha", "blurred"), [(0.001, False), (0.05, True)])
 def test_a_metal_that_is_found_to_be_a_mirror_calls_for_no_blur(alpha, blurred, planner_of):
-    """A lobe of 0.001 spreads over 0.2°, a texel of the light over 6°: within it light is a plane, its mean the middle."""
+    """A lobe of 0.001 spreads over 0.2°, a texel of the light over 6°, between which light is a plane."""
     mirror = Metal(tensor(golden.N), tensor(golden.K), tensor(alpha))
     plan = planner_of("a lonely ball of metal").plan(["metal"], {"default": mirror})
     assert plan["blur"].on == blurred
