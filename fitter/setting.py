@@ -28,7 +28,7 @@ from shaders.shade import DirectionalLight
 
 DIFFUSE_FACE_SIZE = 24  # texels of 3.75°: a cosine is interpolated to 5e-4
 MOST_DIFFUSE = 2 * 6 * DIFFUSE_FACE_SIZE**2  # pixels: of more, diffuse light is looked up by their normals
-MOST_OCCLUDED = 50_000  # pixels for which rays look in all directions; of more, for whole pictures, in a few
+MOST_OCCLUDED = 2000  # pixels of a picture for which rays look in all directions; of more, in a few
 
 
 @dataclass(frozen=True)
@@ -58,13 +58,19 @@ class Setting:
             fidelity = replace(fidelity, reflectance="lazanyi")
         return replace(self, effects=effects, fidelity=fidelity)
 
-    def pixels(self, surface: GBuffer, body: bool) -> PixelModel:
-        """The model of pixels [p, k], without a table so far; diffuse light is integrated where there is a body."""
+    def pixels(self, surface: GBuffer, body: bool, shown: bool = False) -> PixelModel:
+        """The model of pixels [p, k], without a table so far.
+
+        Args:
+            surface: rays inside each.
+            body: whether diffuse light is integrated.
+            shown: whether it is for pictures to look at, whose ambient occlusion may be known to a few per cent.
+        """
         reflectance = REFLECTANCES[self.fidelity.reflectance]
         surface = self._rays(surface)
         if self.fidelity.blurs:
             return viewer_pixels(surface, self.viewers.ambient, self.sources, reflectance)
-        diffuse = self._diffuse(surface) if body else None
+        diffuse = self._diffuse(surface, shown) if body else None
         lights = (self._before("self-visibility"), "light-reflection" in self.effects)
         return exact_pixels(surface, diffuse, self.sources, self.fidelity.distribution, reflectance, *lights)
 
@@ -101,7 +107,7 @@ class Setting:
 
     def model(self, material: Material, surface: GBuffer, samples: int) -> PixelModel:
         """The model of pixels by a table that holds the roughness of one material alone."""
-        bare = self.pixels(surface, body=material.type != "metal")
+        bare = self.pixels(surface, body=material.type != "metal", shown=True)
         return bare.under(self.table_of(material, surface, samples))
 
     def table_of(self, material: Material, surface: GBuffer, samples: int) -> LightTable | None:
@@ -130,10 +136,12 @@ class Setting:
         """What stands before the light, where that is simulated."""
         return self.occluder if effect in self.effects else None
 
-    def _diffuse(self, surface: GBuffer) -> Float[Tensor, "p b 3"]:
+    def _diffuse(self, surface: GBuffer, shown: bool) -> Float[Tensor, "p b 3"]:
         surface, occluder = middle(surface)[:, 0], self._before("ambient-occlusion")
-        if len(surface.hit) <= (MOST_DIFFUSE if occluder is None else MOST_OCCLUDED):
-            before = None if occluder is None else (occluder, occluder.origins(surface))
+        if occluder is None and len(surface.hit) <= MOST_DIFFUSE:
+            return diffuse_table(surface.normal, self._near, DIFFUSE_DEGREE)
+        if occluder is not None and (not shown or len(surface.hit) <= MOST_OCCLUDED):
+            before = occluder, occluder.origins(surface)
             return diffuse_table(surface.normal, self._near, DIFFUSE_DEGREE, before)
         found = cubemap.lookup(self._diffuse_by_normal, surface.normal).reshape(-1, DIFFUSE_DEGREE, 3)
         return found if occluder is None else found * occluder.openness(surface)[:, None, None].to(found)

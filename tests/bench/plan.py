@@ -40,6 +40,7 @@ from tests.plan_scenes import LAMP, row_of_balls, torus, write_obj
 SIZE, SPP = 64, 512
 FIDELITY = replace(PRESETS["standard"], pixels=1500, samples=512)
 EVERYTHING = ("self-visibility", "interreflection", "ambient-occlusion", "light-reflection", "pixel-footprint")
+REPEATS = 3  # of which the soonest counts: other processes only slow a fit down
 ROUNDS = 7  # of paths that a polish traces: three, and some four until it settles
 GOLD = conductor(golden.N, golden.K, golden.ALPHA)
 F0 = normal_reflectance(torch.tensor(golden.N), torch.tensor(golden.K)).tolist()
@@ -139,9 +140,9 @@ def time_rows(folder: Path) -> Iterator[str]:
         scene = case.photographed(folder / case.name)
         options = FitOptions(FIDELITY, type=case.type)
         fitted(scene, options)  # kernels are compiled once
-        planned, planning = fitted(scene, options)
+        planned, planning = min((fitted(scene, options) for _ in range(REPEATS)), key=lambda each: each[0].time.total)
         with fixed(planning):
-            by_hand, _ = fitted(scene, options)
+            by_hand = min((fitted(scene, options)[0] for _ in range(REPEATS)), key=lambda each: each.time.total)
         wanted = tuple(name for name in EVERYTHING if case.type == "metal" or name != "interreflection")
         everything, _ = fitted(scene, replace(options, wanted=wanted))
         seconds = [each.time.total for each in (planned, by_hand, everything)]
