@@ -9,7 +9,7 @@ from dataclasses import replace
 
 import pytest
 
-from fitter import pixel_model, planned_fit, setting
+from fitter import pipeline, pixel_model, planned_fit, setting
 from fitter.fidelity import PRESETS
 from fitter.fit_options import FitOptions
 from fitter.pipeline import fit_scene
@@ -19,7 +19,7 @@ from fitter.result import Result
 from renderer import differentiable, occlusion
 from renderer.plan import Plan
 
-FIDELITY = replace(PRESETS["preview"], pixels=300, search_pixels=300)
+FIDELITY = replace(PRESETS["preview"], pixels=300, search_pixels=300, samples=64, search_samples=32)
 BALL = {"reflection", "blur", "horizon", "exact-fresnel", "pixel-footprint"}
 LAMP = '\n[[lights]]\ntype = "directional"\ndirection = [0.3, 0.8, 0.5]\nirradiance = [1.0, 1.0, 1.0]\n'
 
@@ -104,12 +104,20 @@ def test_what_was_found_drops_what_it_does_not_call_for(gold_scene, tmp_path):
     assert "diffuse-irradiance: not called for by what was found, and dropped." in result.message
 
 
-def test_result_and_report_show_the_plan(gold_scene, tmp_path):
+def test_result_and_report_show_the_plan(gold_scene, tmp_path, monkeypatch):
+    drawn, strips = [], pipeline.strips
+    monkeypatch.setattr(pipeline, "strips", lambda *arguments: drawn.extend(strips(*arguments)) or drawn)
     fitted(gold_scene, tmp_path / "out")
     data = json.loads((tmp_path / "out" / "result.json").read_text())
     assert all(set(effect) == {"name", "on", "why"} for effect in data["effects"])
     shown = re.findall(r'alt="difference that (\S+) makes"', (tmp_path / "out" / "report.html").read_text())
-    assert set(shown) == BALL - {"horizon"}
+    assert set(shown) == {strip.name for strip in drawn} == BALL - {"horizon"}
+    assert all((strip.photograph[strip.mask] > 0).all() for strip in drawn)
+    without = {strip.name: strip.fit[strip.mask] for strip in drawn}
+    whole = drawn[0].photograph[drawn[0].mask]
+    assert (without["reflection"] == 0).all()  # a metal is nothing else
+    assert without["blur"].std() > 1.5 * whole.std()  # alpha 0.25 smooths the lamps of a studio
+    assert 0 < abs(without["exact-fresnel"] / whole - 1).max() < 0.1  # of gold
 
 
 GROWING = ("self-visibility", "ambient-occlusion", "light-reflection")
