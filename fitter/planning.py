@@ -16,7 +16,8 @@ from fitter.setting import Setting
 from renderer.errors import InputError
 from renderer.gbuffer import Tracer
 from renderer.occlusion import Occluder, occluder
-from renderer.plan import Change, Facts, Plan, planned
+from renderer.plan import Change, Plan, planned
+from renderer.plan_rules import Facts
 from shaders.effects import NAMES
 from shaders.materials import Material
 

@@ -6,50 +6,10 @@ from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, replace
 
 from renderer.errors import InputError
+from renderer.plan_rules import NOT_WITH, NOT_WITHOUT, Facts, why_off, why_on
 from shaders.effects import BY_NAME, EFFECTS, NAMES
 
-MIRRORS = frozenset({"metal", "glossy"})
 _ROUNDING = 1e-6  # relative, of float32's sums
-SCATTERS = frozenset({"glossy", "matte"})
-
-
-@dataclass(frozen=True)
-class Facts:
-    """What is known of a scene before anything is measured.
-
-    Attributes:
-        kinds: types that its materials may be of.
-        lights: number of directional lights.
-        convex: whether no point of the object sees another.
-        blurs: whether the model is the thesis's, its lobe a blur.
-        reflectance: of metals, as fidelities call it; "conductor" is the exact one.
-        footprint: rays along each side of a pixel that were asked for.
-        untraced: why no paths can be traced here; None where they can.
-        found: whether the materials are known, and not just possible.
-    """
-
-    kinds: frozenset[str]
-    lights: int
-    convex: bool
-    blurs: bool
-    reflectance: str
-    footprint: int
-    untraced: str | None = None
-    found: bool = False
-
-    @property
-    def mirrors(self) -> bool:
-        return bool(self.kinds & MIRRORS)
-
-    @property
-    def scatters(self) -> bool:
-        return bool(self.kinds & SCATTERS)
-
-    @property
-    def materials(self) -> str:
-        """The types, in words."""
-        are = "are" if self.found else "may be"
-        return f"the materials {are} {', '.join(sorted(self.kinds))}"
 
 
 @dataclass(frozen=True)
@@ -170,8 +130,8 @@ def planned(facts: Facts, measure: Measure, tolerance: float) -> Plan:
         measure: by how much each of some effects moves pixels.
         tolerance: relative; what moves a pixel by more is called for.
     """
-    off = {name: _why_off(name, facts) for name in BY_NAME}
-    on = _on(facts)
+    off = {name: why_off(name, facts) for name in BY_NAME}
+    on = why_on(facts)
     changes = measure([name for name in BY_NAME if off[name] is None and name not in on])
 
     def decided(name: str) -> Decision:
@@ -189,23 +149,6 @@ def planned(facts: Facts, measure: Measure, tolerance: float) -> Plan:
     return Plan(tuple(decided(effect.name) for effect in EFFECTS), tolerance)
 
 
-NOT_WITH = {
-    "normal-map": "a map, which a scene file cannot name so far",
-    "color-map": "a map, which a scene file cannot name so far",
-    "double-bounce": "a map of ambient occlusion, which a scene file cannot name so far",
-    "captured-neighbours": "the viewer: fits leave out pixels that mirror other objects, or follow rays to them",
-    "depth-scaled-blur": "the viewer: fits leave out pixels that mirror other objects, or follow rays to them",
-}
-"""What no fit can have, and what it would take."""
-
-NOT_WITHOUT = {
-    "reflection": "--type matte",
-    "diffuse-irradiance": "--type metal",
-    "horizon": "--fidelity viewer",
-}
-"""What no fit can do without, and what to say instead."""
-
-
 def require_choosable(on: Collection[str], off: Collection[str]) -> None:
     """Raises InputError for a name that is no effect's, or one that a fit cannot be given or denied."""
     for option, names in (("--with", on), ("--without", off)):
@@ -220,91 +163,3 @@ def require_choosable(on: Collection[str], off: Collection[str]) -> None:
     for name in off:
         if name in NOT_WITHOUT:
             raise InputError("--without", value=name, expected=f"another effect: say {NOT_WITHOUT[name]} instead")
-
-
-Rule = Callable[[Facts], "str | None"]
-"""Why an effect is off, whatever its size; None where it may be seen."""
-
-
-def _why_off(name: str, facts: Facts) -> str | None:
-    return next((why for rule in _RULES[name] if (why := rule(facts)) is not None), None)
-
-
-def _on(facts: Facts) -> dict[str, str]:
-    """Effects that structure alone calls for, if it does not rule them out."""
-    sought = {} if facts.found and not facts.blurs else {"blur": "the roughness is sought"}
-    if "metal" in facts.kinds:
-        sought["exact-fresnel"] = "n and k differ in it alone"
-    horizon = "light from below the surface is not counted"
-    return {"reflection": facts.materials, "diffuse-irradiance": facts.materials, "horizon": horizon, **sought}
-
-
-def _nothing_mirrors(facts: Facts) -> str | None:
-    return None if facts.mirrors else f"{facts.materials}, which mirrors nothing"
-
-
-def _no_body(facts: Facts) -> str | None:
-    return None if facts.scatters else f"{facts.materials}, which has no diffuse body"
-
-
-def _convex(facts: Facts) -> str | None:
-    return "the object is convex, no point of it sees another" if facts.convex else None
-
-
-def _no_lights(facts: Facts) -> str | None:
-    return None if facts.lights else "the scene has no directional lights"
-
-
-def _one_part(facts: Facts) -> str | None:
-    return None if "glossy" in facts.kinds else f"{facts.materials}, of which either body or surface sends out light"
-
-
-def _unlit(facts: Facts) -> str | None:
-    """A diffuse body loses surroundings by ambient occlusion; lights by self-visibility."""
-    return None if facts.lights else _nothing_mirrors(facts)
-
-
-def _not_exact(facts: Facts) -> str | None:
-    return None if facts.reflectance == "conductor" else f"{facts.reflectance}'s reflectance was asked for"
-
-
-def _one_ray(facts: Facts) -> str | None:
-    return None if facts.footprint > 1 else "one ray per pixel was asked for"
-
-
-def _never(why: str) -> Rule:
-    return lambda facts: why
-
-
-def _in_thesis(why: str) -> Rule:
-    """Off in the thesis's model."""
-    return lambda facts: why if facts.blurs else None
-
-
-def _above_thesis(why: str) -> Rule:
-    """Off above the thesis's model."""
-    return lambda facts: None if facts.blurs else why
-
-
-_RULES: Mapping[str, tuple[Rule, ...]] = {
-    "reflection": (_nothing_mirrors,),
-    "blur": (_nothing_mirrors,),
-    "horizon": (_nothing_mirrors, _in_thesis("the viewer's blur has none")),
-    "light-reflection": (_nothing_mirrors, _no_lights),
-    "diffuse-irradiance": (_no_body,),
-    "energy-guard": (_one_part, _above_thesis("a rough dielectric's own transmittance keeps the energy")),
-    "normal-map": (_never("none is given"),),
-    "color-map": (_never("none is given"),),
-    "ambient-occlusion": (_no_body, _convex, _in_thesis("the viewer has none where no map of it is given")),
-    "double-bounce": (_never("no ambient-occlusion map is given"),),
-    "captured-neighbours": (
-        _convex,
-        _above_thesis("rays meet neighbours where they are, see self-visibility"),
-        _never("pixels that mirror other objects are left out of the fit"),
-    ),
-    "depth-scaled-blur": (_never("no neighbours are captured"),),
-    "self-visibility": (_convex, _unlit, _in_thesis("the viewer sees far surroundings alone")),
-    "interreflection": (_convex, _in_thesis("the viewer follows no paths")),
-    "exact-fresnel": (_nothing_mirrors, _not_exact),
-    "pixel-footprint": (_one_ray,),
-}

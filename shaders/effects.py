@@ -1,7 +1,7 @@
 """The effects that a picture may need, one list: what each adds, when it is called for, its cost, where its code is.
 
-A further effect is an entry here, a rule in `renderer.plan`, and its two implementations. Those that the viewer does
-not draw have none in GLSL; those that are always in its shader have no definition that brings them in.
+A further effect is an entry here, a rule in `renderer.plan_rules`, and its two implementations. Those that the viewer
+does not draw have none in GLSL; those that are always in its shader have no definition that brings them in.
 """
 
 from __future__ import annotations

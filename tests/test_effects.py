@@ -8,7 +8,8 @@ from importlib import resources
 
 import pytest
 
-from renderer.plan import NOT_WITH, NOT_WITHOUT, Facts, planned
+from renderer.plan import planned
+from renderer.plan_rules import NOT_WITH, NOT_WITHOUT, Facts
 from shaders.effects import BY_NAME, EFFECTS, Effect
 
 CONTRACT = """

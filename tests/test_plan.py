@@ -13,7 +13,8 @@ from hypothesis import strategies as st
 from fitter import cli
 from fitter.plan_command import json_text, text
 from renderer.errors import InputError
-from renderer.plan import Change, Facts, Plan, planned, require_choosable
+from renderer.plan import Change, Plan, planned, require_choosable
+from renderer.plan_rules import Facts
 from shaders.effects import BY_NAME, EFFECTS, NAMES
 
 METAL, MATTE = frozenset({"metal"}), frozenset({"matte"})
