@@ -118,10 +118,11 @@ def _principal_root(
     """a, b >= 0 with (a + ib)² = real + i·imag, imag >= 0, without the cancellation of √((|z| ± real)/2)."""
     branch_point = (real == 0) & (imag == 0)  # total reflection begins here; its slope is infinite, so it is cut off
     away = torch.where(branch_point, 1.0, real)
-    larger = (0.5 * (torch.hypot(away, imag) + away.abs())).sqrt()
+    positive = real >= 0
+    size = torch.where(positive, away, -away)  # |real| has the slope 0 at 0, which the root has not
+    larger = (0.5 * (torch.hypot(away, imag) + size)).sqrt()
     smaller = imag / (2 * larger)
     larger = torch.where(branch_point, 0.0, larger)
-    positive = real >= 0
     return torch.where(positive, larger, smaller), torch.where(positive, smaller, larger)
 
 

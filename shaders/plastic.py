@@ -61,10 +61,15 @@ def transmittance(
     mu, eta, alpha = (value[..., None] for value in torch.broadcast_tensors(mu.clamp_min(_GRAZING), eta, alpha))
     h_x, h_z, weight = _visible_normals(mu, alpha, distribution)
     cos_d = root((1 - mu) * (1 + mu)) * h_x + mu * h_z
-    cos_t = (1 - (1 - cos_d**2) / eta**2).sqrt()
+    cos_t = _refracted(cos_d, eta)
     inside = h_z * (cos_t - cos_d / eta) + mu / eta  # -n·t, above 0 for every facet since η >= 1
     passed = fresnel.transmittance(cos_d, eta) * lobe.smith_g1(inside, alpha, distribution)
     return (weight * passed).sum(-1)
+
+
+def _refracted(cos_d: Float[Tensor, "*p"], eta: Float[Tensor, ...]) -> Float[Tensor, "*p"]:
+    """Cosine inside, √(η² - 1 + c²)/η: Snell's law in the form that keeps c where η → 1."""
+    return root((eta - 1) * (eta + 1) + cos_d**2) / eta
 
 
 def outcoupling(eta: Float[Tensor, "*p"], alpha: Float[Tensor, ...], distribution: Distribution) -> Float[Tensor, "*p"]:
@@ -112,7 +117,7 @@ def diffuse_internal_reflectance(
     """
     eta, alpha = (value[..., None] for value in torch.broadcast_tensors(eta, alpha))
     outside, weight = (value.to(eta) for value in _OUTSIDE)
-    inside = (1 - (1 - outside**2) / eta**2).sqrt()
+    inside = _refracted(outside, eta)
     unmasked = _unmasked(torch.cat([outside.expand_as(inside), inside], -1), alpha, distribution)
     white, passing = unmasked.unflatten(-1, (2, -1)).unbind(-2)
     passed = fresnel.transmittance(outside, eta) / eta**2 * passing
