@@ -20,6 +20,7 @@ from fitter.command_options import Out
 from fitter.fit_command import DONE, NO_MATERIAL, demo, fit
 from fitter.frontier_command import frontier
 from fitter.printing import flush, say
+from fitter.selftest_command import selftest
 from fitter.synth_command import synth
 from fitter.view_command import view
 from renderer.errors import InputError
@@ -39,6 +40,7 @@ app.command()(frontier)
 app.command()(fit)
 app.command()(synth)
 app.command()(demo)
+app.command()(selftest)
 
 
 def program() -> NoReturn:

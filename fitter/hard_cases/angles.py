@@ -18,7 +18,6 @@ from renderer import cubemap, gbuffer, latlong, lobe_sampling
 from renderer.cubemap import Cubemap
 from renderer.environment import Environment, directions
 from renderer.gbuffer import GBuffer
-from renderer.latlong import LatLong
 from renderer.mesh import Sphere
 from shaders import diffuse, fresnel, lobe, shade
 from shaders.materials import Glossy, Matte, Metal
@@ -55,7 +54,8 @@ def _seam(numbers: Numbers) -> float:
     for y in (-0.9, 0.0, 0.6):
         level, radius = numbers.tensor(y), math.sqrt(1 - y * y)
         either = [
-            latlong.lookup(light, side * radius * torch.sin(angle), level, -radius * torch.cos(angle)) for side in (-1, 1)
+            latlong.lookup(light, side * radius * torch.sin(angle), level, -radius * torch.cos(angle))
+            for side in (-1, 1)
         ]
         worst = max(worst, float((either[0] - either[1]).abs().max()))
     return worst
@@ -209,7 +209,12 @@ ROWS = (
         "glass-at-grazing",
         "cosθ = 0, 1e-8, 1: F of a dielectric runs to 1 with its steepest slope",
         "η = 1.0001, 1.5, 2.5",
-        Formula(fresnel.dielectric, grid(cos_d=(0.0, 1e-8, 0.5, 1.0), ior=(1.0001, 1.5, 2.5)), {"cos_d": (0, 1)}, {"ior": 1e-5, "cos_d": 1e-3}),
+        Formula(
+            fresnel.dielectric,
+            grid(cos_d=(0.0, 1e-8, 0.5, 1.0), ior=(1.0001, 1.5, 2.5)),
+            {"cos_d": (0, 1)},
+            {"ior": 1e-5, "cos_d": 1e-3},
+        ),
         (FINITE, between(0, 1), near(references.dielectric, 24), gradient()),
         "Fresnel's amplitudes at 50 digits; finite differences",
     ),

@@ -74,7 +74,9 @@ def _irradiance_off(sun: float) -> Callable[[Numbers], float]:
 
     def off(numbers: Numbers) -> float:
         environment = Environment(suns(16, 32, sun))
-        normals = torch.nn.functional.normalize(torch.tensor([[0.2, 0.9, 0.3], [0.9, 0.3, -0.1], [0.0, -1.0, 0.2]]), dim=1)
+        normals = torch.nn.functional.normalize(
+            torch.tensor([[0.2, 0.9, 0.3], [0.9, 0.3, -0.1], [0.0, -1.0, 0.2]]), dim=1
+        )
         found = irradiance.diffuse_table(normals.double(), environment)[:, 0, 0].double()
         expected = _irradiance_sum(environment.radiance[..., 0].double().numpy(), normals.double().numpy())
         return float((found / torch.from_numpy(expected) - 1).abs().max())
@@ -83,14 +85,16 @@ def _irradiance_off(sun: float) -> Callable[[Numbers], float]:
 
 
 def _irradiance_sum(radiance: Float[np.ndarray, "h w"], normals: Float[np.ndarray, "p 3"]) -> Float[np.ndarray, " p"]:
-    """∫ L max(0, n·l)/π dl by midpoints on a grid of 960 × 1920, L bilinear: numpy, math.fsum's ilk of pairwise sums."""
+    """∫ L max(0, n·l)/π dl by midpoints on a grid of 960 × 1920, L bilinear: by numpy."""
     rows, columns = radiance.shape
     v, u = (np.arange(960) + 0.5) / 960, (np.arange(1920) + 0.5) / 1920
     row, column = v * (rows - 1), u * columns - 0.5
     top, left = np.floor(row).astype(int), np.floor(column).astype(int)
     down, right = (row - top)[:, None], (column - left)[None]
     at = [[radiance[(top + j).clip(0, rows - 1)][:, (left + i) % columns] for i in (0, 1)] for j in (0, 1)]
-    light = (1 - down) * ((1 - right) * at[0][0] + right * at[0][1]) + down * ((1 - right) * at[1][0] + right * at[1][1])
+    light = (1 - down) * ((1 - right) * at[0][0] + right * at[0][1]) + down * (
+        (1 - right) * at[1][0] + right * at[1][1]
+    )
     theta, phi = math.pi * v[:, None], 2 * math.pi * u[None]
     towards = np.stack([np.sin(theta) * np.sin(phi), np.cos(theta) + 0 * phi, -np.sin(theta) * np.cos(phi)], -1)
     area = np.sin(theta) * (math.pi / 960) * (2 * math.pi / 1920)
@@ -133,7 +137,9 @@ def _tiny_map(numbers: Numbers) -> Tensor:
     environment = Environment(torch.tensor([[[1.0, 0.5, 0.0], [0.0, 2.0, 1e9]]]))
     normals = points().normal[:, 0]
     parts = [
-        table_of(environment, numbers).light[:, :, :, 0],  # other polynomials than the first are negative here and there
+        table_of(environment, numbers).light[
+            :, :, :, 0
+        ],  # other polynomials than the first are negative here and there
         irradiance.diffuse_table(normals, environment)[:, 0],
         latlong.lookup(latlong.of(environment), *normals.unbind(-1)),
         irradiance.blocks(environment)[1],
@@ -203,7 +209,9 @@ def _half_floats(numbers: Numbers) -> float:
     texels[0, 1], texels[1, 2] = 65504, 2.0**-24
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "half.exr"
-        OpenEXR.File({"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}, {"RGB": texels}).write(str(path))
+        OpenEXR.File({"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}, {"RGB": texels}).write(
+            str(path)
+        )
         return float((read_environment(path).radiance - torch.from_numpy(texels.astype(np.float32))).abs().max())
 
 
@@ -263,7 +271,14 @@ ROWS = (
         (within(lambda numbers: 2e-3, "bounded"),),
         "energy; blocks of the map err by 1e-3",
     ),
-    Row("two-texels", "rows are one, columns two; the other texel is a sun of 1e9", "1 × 2 pixels", _tiny_map, (that("finite", _finite),), "finite; not negative"),
+    Row(
+        "two-texels",
+        "rows are one, columns two; the other texel is a sun of 1e9",
+        "1 × 2 pixels",
+        _tiny_map,
+        (that("finite", _finite),),
+        "finite; not negative",
+    ),
     Row(
         "map-of-8192-by-4096",
         "a float32 angle has 2e-7 of a turn, which is 2e-3 of a texel",
@@ -272,14 +287,70 @@ ROWS = (
         (within(lambda numbers: 8192 * 16 * numbers.eps + 1e-2 * (numbers.eps > 1e-10) + 8e-3),),
         "the texel itself; 16 roundings of a turn, grid_sample's own in float32 (the map's) for 2e-3 each",
     ),
-    Row("smaller-map", "a sun of 1e9 and the dim rest both keep their light", "64 × 128 to 16 × 32", _box_filtered, (within(lambda numbers: 1e-9),), "Σ L Δω, of each part"),
-    Row("brighter-light", "scaling the light scales the table and nothing else", "2²⁰ times as bright", _scaled, (within(_rounding, "invariant"),), "the same table, scaled"),
-    Row("half-floats", "65504 and 2⁻²⁴ in a file of float16", "EXR of half floats", _half_floats, (within(lambda numbers: 0.0),), "the numbers written"),
-    Row("black-light", "no light at all: nothing can be drawn in proportion to it", "a map of zeros", read(np.zeros((4, 8, 3))), (refused("every texel is black"),), "a refusal"),
-    Row("light-that-is-nan", "not one number", "a map of NaN", read(np.full((4, 8, 3), np.nan)), (refused("every texel is black"),), "a refusal"),
-    Row("negative-texel", "rings of a filter leave negative light", "a texel of -3", read(_map(r1c2=-3.0)), (_repaired(1, 0.0),), "0, counted"),
-    Row("nan-texel", "one NaN would be everywhere", "a texel of NaN", read(_map(r1c2=math.nan)), (_repaired(1, 1.0),), "the mean of its neighbours, counted"),
-    Row("infinite-texel", "a sun beyond the format's largest number", "a texel of ∞", read(_map(r1c2=math.inf)), (_repaired(1, 1.0),), "the mean of its neighbours, counted"),
+    Row(
+        "smaller-map",
+        "a sun of 1e9 and the dim rest both keep their light",
+        "64 × 128 to 16 × 32",
+        _box_filtered,
+        (within(lambda numbers: 1e-9),),
+        "Σ L Δω, of each part",
+    ),
+    Row(
+        "brighter-light",
+        "scaling the light scales the table and nothing else",
+        "2²⁰ times as bright",
+        _scaled,
+        (within(_rounding, "invariant"),),
+        "the same table, scaled",
+    ),
+    Row(
+        "half-floats",
+        "65504 and 2⁻²⁴ in a file of float16",
+        "EXR of half floats",
+        _half_floats,
+        (within(lambda numbers: 0.0),),
+        "the numbers written",
+    ),
+    Row(
+        "black-light",
+        "no light at all: nothing can be drawn in proportion to it",
+        "a map of zeros",
+        read(np.zeros((4, 8, 3))),
+        (refused("every texel is black"),),
+        "a refusal",
+    ),
+    Row(
+        "light-that-is-nan",
+        "not one number",
+        "a map of NaN",
+        read(np.full((4, 8, 3), np.nan)),
+        (refused("every texel is black"),),
+        "a refusal",
+    ),
+    Row(
+        "negative-texel",
+        "rings of a filter leave negative light",
+        "a texel of -3",
+        read(_map(r1c2=-3.0)),
+        (_repaired(1, 0.0),),
+        "0, counted",
+    ),
+    Row(
+        "nan-texel",
+        "one NaN would be everywhere",
+        "a texel of NaN",
+        read(_map(r1c2=math.nan)),
+        (_repaired(1, 1.0),),
+        "the mean of its neighbours, counted",
+    ),
+    Row(
+        "infinite-texel",
+        "a sun beyond the format's largest number",
+        "a texel of ∞",
+        read(_map(r1c2=math.inf)),
+        (_repaired(1, 1.0),),
+        "the mean of its neighbours, counted",
+    ),
     Row(
         "nan-among-suns",
         "the sum of eight bright neighbours overflows, their mean does not",
@@ -288,5 +359,12 @@ ROWS = (
         (_repaired(1, 3e38),),
         "the mean of its neighbours, counted",
     ),
-    Row("not-a-map", "a map that is not twice as wide as high", "3 × 4 pixels", read(np.ones((3, 4, 3))), (refused("twice as wide as high"),), "a refusal"),
+    Row(
+        "not-a-map",
+        "a map that is not twice as wide as high",
+        "3 × 4 pixels",
+        read(np.ones((3, 4, 3))),
+        (refused("twice as wide as high"),),
+        "a refusal",
+    ),
 )

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import itertools
 import math
+from collections.abc import Callable
+from typing import get_args
 
 import torch
 from torch import Tensor
@@ -23,7 +25,9 @@ SLOPES = (0.0, 0.5, 1.0, 3.0, 30.0)  # tangents over alpha
 UNIT = {"cos_h": (0.0, 1.0), "cos": (0.0, 1.0), "alpha": (0.0, math.inf)}
 
 
-def _density(distribution: Distribution, alpha: float, slopes: tuple[float, ...], reference) -> Row:  # noqa: ANN001
+def _density(
+    distribution: Distribution, alpha: float, slopes: tuple[float, ...], reference: Callable[..., float]
+) -> Row:
     """D of one width, where it is large and where it is none."""
     cosines = [1 / math.hypot(1, alpha * slope) for slope in slopes]
     scale = {"cos_h": 0.1 * min(1.0, alpha**2), "alpha": 0.1 * alpha}
@@ -45,7 +49,7 @@ def _density(distribution: Distribution, alpha: float, slopes: tuple[float, ...]
     )
 
 
-def _normalisation(distribution: Distribution):  # noqa: ANN202
+def _normalisation(distribution: Distribution) -> Callable[[Numbers], float]:
     def off(numbers: Numbers) -> float:
         """∫ D cosθ dω - 1, by Gauss–Legendre in s = tan θ/α = (1 + x)/(1 - x): cosθ dω = 2π α² s/(1 + α²s²)² ds."""
         import numpy as np
@@ -108,7 +112,9 @@ def _blurred_by_hand(rho: float) -> float:
 
 def _narrower_than_a_texel(numbers: Numbers) -> float:
     """A blur of ρ = 1e-6 against the plain lookup, over the faces of a coarse cubemap."""
-    cube = Cubemap(torch.rand(6, 8, 8, 3, generator=torch.Generator().manual_seed(2)).to(numbers.dtype).to(numbers.device))
+    cube = Cubemap(
+        torch.rand(6, 8, 8, 3, generator=torch.Generator().manual_seed(2)).to(numbers.dtype).to(numbers.device)
+    )
     r = cubemap.face_directions(5).to(numbers.device, numbers.dtype).reshape(-1, 3)
     found = lobe.blur(lambda towards: cubemap.lookup(cube, towards), r, numbers.tensor(1e-6))
     return float((found - cubemap.lookup(cube, r)).abs().max())
@@ -117,7 +123,8 @@ def _narrower_than_a_texel(numbers: Numbers) -> float:
 def _constant_through_any_blur(numbers: Numbers) -> float:
     r = cubemap.face_directions(5).to(numbers.device, numbers.dtype).reshape(-1, 3)
     return max(
-        float((lobe.blur(torch.ones_like, r, numbers.tensor(rho)) - 1).abs().max()) for rho in (0.0, 1e-6, 1.0, 10.0, 1e6)
+        float((lobe.blur(torch.ones_like, r, numbers.tensor(rho)) - 1).abs().max())
+        for rho in (0.0, 1e-6, 1.0, 10.0, 1e6)
     )
 
 
@@ -138,7 +145,9 @@ def _level_weights(roughness: Tensor) -> Tensor:
 def _weights_of_levels(numbers: Numbers) -> float:
     """How far the weights at each of the levels are from choosing it alone."""
     table = LightTable(torch.zeros(2, 5, 1, 1, 3), 0.005, 1.2, "log")
-    found = torch.stack([table.level_weights(numbers.tensor(level)) for level in transport.levels(0.005, 1.2, 5, "log")])
+    found = torch.stack(
+        [table.level_weights(numbers.tensor(level)) for level in transport.levels(0.005, 1.2, 5, "log")]
+    )
     return float((found - torch.eye(5).to(found)).abs().max())
 
 
@@ -151,13 +160,15 @@ ROWS = (
             "alpha = 0: 0/0 beside the normal and 1/0 on it; also far off, where cosθ is 1e-8",
             "alpha = 0, cosθ = 1e-8, 0.5, 1",
             Formula(
-                lambda cos_h, alpha, distribution=distribution: lobe.distribution_of_normals(cos_h, alpha, distribution),
+                lambda cos_h, alpha, distribution=distribution: lobe.distribution_of_normals(
+                    cos_h, alpha, distribution
+                ),
                 grid(cos_h=(1e-8, 0.5, 1.0), alpha=(0.0, 1e-9)),
             ),
             (FINITE, between(0, 1.001 / (math.pi * lobe.MIRROR**2))),
             "the lobe of alpha = 1e-6, below which none is told apart",
         )
-        for distribution in ("ggx", "beckmann")
+        for distribution in get_args(Distribution)
     ),
     *(
         Row(
@@ -168,13 +179,16 @@ ROWS = (
             (within(lambda numbers: 1e-9 + 4e3 * numbers.eps),),
             "∫ D cosθ dω = 1 by quadrature; (1 - cosθ)'s rounding over θ² = 0.05² at its tenth",
         )
-        for distribution in ("ggx", "beckmann")
+        for distribution in get_args(Distribution)
     ),
     Row(
         "masking-at-its-ends",
         "cosθ = 0 and below, 1e-8, 1; alpha = 0: cos² underflows, tan is infinite",
         "alpha = 0 … 3, cosθ = -0.5 … 1",
-        Formula(lambda cos, alpha: lobe.smith_g1(cos, alpha, "ggx"), grid(cos=(-0.5, 0.0, 1e-30, 1e-8, 0.5, 1.0), alpha=WIDTHS)),
+        Formula(
+            lambda cos, alpha: lobe.smith_g1(cos, alpha, "ggx"),
+            grid(cos=(-0.5, 0.0, 1e-30, 1e-8, 0.5, 1.0), alpha=WIDTHS),
+        ),
         (FINITE, between(0, 1, roundings=4)),
         "a share",
     ),
@@ -183,7 +197,10 @@ ROWS = (
         "a grazing direction and a narrow lobe meet at cosθ = alpha",
         "alpha = 1e-3 … 3, cosθ = 1e-8 … 1",
         Formula(
-            lambda cos, alpha: lobe.smith_g1(cos, alpha, "ggx"), grid(cos=(1e-8, 0.5, 0.9), alpha=(1e-3, 0.1, 3.0)), UNIT, {"cos": 1e-9, "alpha": 1e-3}
+            lambda cos, alpha: lobe.smith_g1(cos, alpha, "ggx"),
+            grid(cos=(1e-8, 0.5, 0.9), alpha=(1e-3, 0.1, 3.0)),
+            UNIT,
+            {"cos": 1e-9, "alpha": 1e-3},
         ),
         (near(references.ggx_masking, 16), gradient("alpha")),
         "the formula at 50 digits; finite differences",
@@ -192,7 +209,10 @@ ROWS = (
         "masking-of-beckmann-at-its-ends",
         "a = 1/(α tan) is infinite where nothing is masked",
         "alpha = 0 … 3, cosθ = -0.5 … 1",
-        Formula(lambda cos, alpha: lobe.smith_g1(cos, alpha, "beckmann"), grid(cos=(-0.5, 0.0, 1e-30, 1e-8, 0.5, 1.0), alpha=WIDTHS)),
+        Formula(
+            lambda cos, alpha: lobe.smith_g1(cos, alpha, "beckmann"),
+            grid(cos=(-0.5, 0.0, 1e-30, 1e-8, 0.5, 1.0), alpha=WIDTHS),
+        ),
         (FINITE, between(0, 1 + 2e-4)),
         "a share; the rational form ends 1e-4 above 1",
     ),
@@ -200,7 +220,10 @@ ROWS = (
         "masking-grows-with-alpha",
         "no dip where the rational form meets 1",
         "GGX, alpha ascending from 0 to 3 at cosθ = 0.3",
-        Formula(lambda cos, alpha: lobe.smith_g1(cos, alpha, "ggx"), {"cos": [0.3] * 61, "alpha": [i / 20 for i in range(61)]}),
+        Formula(
+            lambda cos, alpha: lobe.smith_g1(cos, alpha, "ggx"),
+            {"cos": [0.3] * 61, "alpha": [i / 20 for i in range(61)]},
+        ),
         (FINITE, rising("alpha", -1)),
         "monotone by its formula",
     ),
@@ -225,7 +248,7 @@ ROWS = (
         "sinθ = √0 at a straight view; the rim of the disc, where the third side is √0; alpha = 0",
         "n·v = 1e-6 … 1, alpha = 0 … 3",
         Formula(
-            lambda cos_v, alpha, u1: sum(lobe.sample_visible_normals(cos_v, alpha, u1, 0.3 + 0 * u1)),
+            lambda cos_v, alpha, u1: torch.stack(lobe.sample_visible_normals(cos_v, alpha, u1, 0.3 + 0 * u1)).sum(0),
             grid(cos_v=(1e-6, 0.5, 1.0), alpha=WIDTHS, u1=(1e-6, 0.5, 0.999999)),
         ),
         (FINITE, between(-math.sqrt(3), math.sqrt(3))),
@@ -235,7 +258,9 @@ ROWS = (
         "blur-by-rho",
         "the slope by ρ at exactly 0; taps wider than the hemisphere",
         "ρ = 0, 1e-6, 1e-3, 1, 3 in light that is linear in the direction",
-        Formula(lambda rho: _blurred(rho), {"rho": (0.0, 1e-6, 1e-3, 1.0, 3.0)}, {"rho": (0.0, math.inf)}, {"rho": 0.1}),
+        Formula(
+            lambda rho: _blurred(rho), {"rho": (0.0, 1e-6, 1e-3, 1.0, 3.0)}, {"rho": (0.0, math.inf)}, {"rho": 0.1}
+        ),
         (FINITE, near(_blurred_by_hand, 16), gradient()),
         "the sum of MODEL.md 3.1 by plain loops; finite differences, one-sided at 0",
     ),

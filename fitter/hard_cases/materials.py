@@ -26,7 +26,9 @@ def grid(**values: Sequence[float]) -> dict[str, list[float]]:
     return {name: [row[i] for row in rows] for i, name in enumerate(values)}
 
 
-def _metal(name: str, hard: str, n: Sequence[float], k: Sequence[float], slopes: bool = True, scale: float = 1.0) -> Row:
+def _metal(
+    name: str, hard: str, n: Sequence[float], k: Sequence[float], slopes: bool = True, scale: float = 1.0
+) -> Row:
     """F of metals over all angles; `scale` is what it changes over with n and k where that is less than they are."""
     scales = {"n": scale, "k": scale} if scale < 1 else {}
     formula = Formula(fresnel.conductor, grid(cos_d=COSINES, n=n, k=k), INDEX, scales)
@@ -91,8 +93,8 @@ def _corners(numbers: Numbers) -> str | None:
             x[3:] = corner[1]
             x.requires_grad_()
             material = coordinates.material(x)
-            told = [value for value in vars(material).values()]
-            slope = torch.autograd.grad(sum(value.sum() for value in told), x)[0]
+            told = list(vars(material).values())
+            slope = torch.autograd.grad(torch.stack([value.sum() for value in told]).sum(), x)[0]
             back = coordinates.free(material)
             if not all(each.isfinite().all() for each in (*told, slope, back)):
                 return f"{material} at {corner}, with {slope.tolist()} and back {back.tolist()}"
@@ -113,12 +115,24 @@ def _tints_return(numbers: Numbers) -> float:
 
 ROWS = (
     _metal("silver", "n → 0: F is within 1e-7 of 1, its slope by n is what tells n", (1e-6, 0.01, 0.05), (1.0, 4.0)),
-    _metal("no-absorption", "k = 0, and k that is squared below the smallest number", (1.01, 1.5, 4.0), (0.0, 1e-25), scale=1e-3),
+    _metal(
+        "no-absorption",
+        "k = 0, and k that is squared below the smallest number",
+        (1.01, 1.5, 4.0),
+        (0.0, 1e-25),
+        scale=1e-3,
+    ),
     _metal("strong-metals", "n or k of 10 and more, also n² - k² = 0", (0.5, 10.0, 100.0), (10.0, 100.0)),
     _metal("n-equals-k", "n² - k² cancels", (1e3, 1e6), (1e3, 1e6)),
     _metal("air", "n = 1, k = 0: nothing reflects, 0/0 at cosθ = 0", (1.0,), (0.0,), slopes=False),
     _metal("nearly-air", "(n - 1)² is below the rounding of n² + 1", (1 + 1e-6, 1 - 1e-6), (0.0, 1e-6), slopes=False),
-    _metal("total-reflection", "cosθ = 0.8 and n = 0.6: a root begins, with an infinite slope", (0.6,), (0.0, 1e-12), slopes=False),
+    _metal(
+        "total-reflection",
+        "cosθ = 0.8 and n = 0.6: a root begins, with an infinite slope",
+        (0.6,),
+        (0.0, 1e-12),
+        slopes=False,
+    ),
     Row(
         "absorptance-of-mirrors",
         "1 - F where F → 1: subtracting F leaves no digit",
@@ -139,7 +153,10 @@ ROWS = (
         "dielectric-and-transmittance",
         "F and 1 - F have to add up to 1 where either is next to nothing",
         "η = 1 … 1e3, cosθ = 0 … 1",
-        Formula(lambda cos_d, ior: fresnel.dielectric(cos_d, ior) + fresnel.transmittance(cos_d, ior), grid(cos_d=COSINES, ior=(1.0, 1.0001, 1.5, 10.0, 1e3))),
+        Formula(
+            lambda cos_d, ior: fresnel.dielectric(cos_d, ior) + fresnel.transmittance(cos_d, ior),
+            grid(cos_d=COSINES, ior=(1.0, 1.0001, 1.5, 10.0, 1e3)),
+        ),
         (FINITE, between(1, 1, roundings=24)),
         "energy: F + (1 - F) = 1",
     ),
@@ -163,7 +180,11 @@ ROWS = (
         "schlick-at-its-ends",
         "f = 0, f = 1, cosθ = 0, 1",
         "all four",
-        Formula(fresnel.schlick, grid(cos_d=(0.0, 1e-8, 0.5, 1.0), f0=(0.0, 1e-9, 0.5, 1.0)), {"cos_d": (0, 1), "f0": (0, 1)}),
+        Formula(
+            fresnel.schlick,
+            grid(cos_d=(0.0, 1e-8, 0.5, 1.0), f0=(0.0, 1e-9, 0.5, 1.0)),
+            {"cos_d": (0, 1), "f0": (0, 1)},
+        ),
         (FINITE, between(0, 1, roundings=2), gradient(), float32(8)),
         "float64; finite differences",
     ),
@@ -203,7 +224,11 @@ ROWS = (
         "crease",
         "a second bounce at F = 0, 1 and ao = 0, 1",
         "F, ao in {0, 0.5, 1}²",
-        Formula(lambda f, openness: shade.double_bounce(f, openness), grid(f=(0.0, 0.5, 1.0), openness=(0.0, 0.5, 1.0)), {"f": (0, 1), "openness": (0, 1)}),
+        Formula(
+            lambda f, openness: shade.double_bounce(f, openness),
+            grid(f=(0.0, 0.5, 1.0), openness=(0.0, 0.5, 1.0)),
+            {"f": (0, 1), "openness": (0, 1)},
+        ),
         (FINITE, between(0, 1), gradient()),
         "finite differences",
     ),
@@ -211,7 +236,10 @@ ROWS = (
         "plastic-without-interface",
         "η = 1: nothing reflects, inside or outside; alpha = 0.005 … 2; grazing view",
         "µ = 0, 1e-6, 0.3, 1",
-        Formula(lambda mu, eta, alpha: plastic.transmittance(mu, eta, alpha, "ggx"), grid(mu=(0.0, 1e-6, 0.3, 1.0), eta=(1.0, 1.5, 10.0), alpha=(1e-6, 0.005, 0.3, 2.0))),
+        Formula(
+            lambda mu, eta, alpha: plastic.transmittance(mu, eta, alpha, "ggx"),
+            grid(mu=(0.0, 1e-6, 0.3, 1.0), eta=(1.0, 1.5, 10.0), alpha=(1e-6, 0.005, 0.3, 2.0)),
+        ),
         (FINITE, between(0, 1, roundings=64)),
         "energy",
     ),
@@ -219,7 +247,12 @@ ROWS = (
         "plastic-of-diamond-and-beyond",
         "η of 10: 1 - R is a hundredth, and what leaves is divided by it",
         "η = 1.2, 1.6, 2.5, 10; alpha = 0.005 … 1",
-        Formula(lambda eta, alpha: plastic.outcoupling(eta, alpha, "ggx"), grid(eta=(1.2, 1.6, 2.5, 10.0), alpha=(0.005, 0.1, 1.0)), {"eta": (1, 100), "alpha": (0, 2)}, {"eta": 0.1, "alpha": 0.005}),
+        Formula(
+            lambda eta, alpha: plastic.outcoupling(eta, alpha, "ggx"),
+            grid(eta=(1.2, 1.6, 2.5, 10.0), alpha=(0.005, 0.1, 1.0)),
+            {"eta": (1, 100), "alpha": (0, 2)},
+            {"eta": 0.1, "alpha": 0.005},
+        ),
         (FINITE, gradient(), float32(2000)),
         "float64, 1 - R ≥ 1/1000 magnifying roundings of 1; finite differences",
     ),

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import mpmath as mp
 
 DIGITS = 50
@@ -28,7 +30,7 @@ def transmittance(cos_d: float, ior: float) -> float:
     return absorptance(cos_d, ior, 0.0)
 
 
-def _reflected(cos_d: float, n: float, k: float) -> mp.mpf:
+def _reflected(cos_d: float, n: float, k: float) -> Any:
     with mp.workdps(DIGITS):
         eta2, c = mp.mpc(n, k) ** 2, mp.mpf(cos_d)
         if eta2 == 1:

@@ -21,7 +21,7 @@ class Numbers:
     """What a row is computed in: `torch.float32` or `torch.float64`, on one device."""
 
     dtype: torch.dtype
-    device: torch.device = torch.device("cpu")
+    device: torch.device = field(default_factory=lambda: torch.device("cpu"))
 
     @property
     def eps(self) -> float:
@@ -102,6 +102,7 @@ class Row:
         subject: the input itself.
         holds: what must hold.
         reference: what it is held against, which is never this code's own earlier output.
+        once: what it is about is computed in float64 whatever the numbers, so that one run tells all.
     """
 
     name: str
@@ -110,6 +111,7 @@ class Row:
     subject: Formula | Experiment
     holds: tuple[Claim, ...]
     reference: str
+    once: bool = False
 
     def broken(self, numbers: Numbers) -> list[str]:
         """A sentence for each claim that does not hold in these numbers."""
