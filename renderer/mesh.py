@@ -112,6 +112,8 @@ def _parts(path: Path) -> list[_Part]:
 
 
 def _check(path: Path, part: _Part) -> None:
+    if part.vertices.ndim != 2 or part.vertices.shape[1] != 3 or part.faces.ndim != 2 or part.faces.shape[1] != 3:
+        raise InputError(path, expected="vertices of three coordinates and faces of three corners")
     if part.faces.size and not 0 <= part.faces.min() <= part.faces.max() < len(part.vertices):
         outside = part.faces[(part.faces < 0) | (part.faces >= len(part.vertices))][0]
         raise InputError(path, "vertex index of a face", outside, f"less than {len(part.vertices)}")

@@ -207,6 +207,7 @@ ROWS = (
         _corners,
         (SOUND,),
         "the start's cost; the slope at the end",
+        once=True,
     ),
     Row(
         "at-a-bound",

@@ -244,5 +244,6 @@ ROWS = (
         _moved(lambda photograph: photograph, torch.arange(PIXELS).repeat(100)),
         (within(lambda numbers: 0.1, "invariant"),),
         "the fit of one; the prior weighs a hundredth",
+        once=True,
     ),
 )
