@@ -101,6 +101,7 @@ class Directions:
 
     Attributes:
         cos_l, cos_h: cosines of light and half vector against the normal.
+        sin2_h: squared sine of the half vector's angle, which a narrow lobe's cosine does not tell.
         cos_d: cosine of the half vector against the view.
         radiance: of the environment.
         lamp_density: density with which the environment draws such directions, interpolated between texels.
@@ -109,6 +110,7 @@ class Directions:
 
     cos_l: Float[Tensor, "p s"]
     cos_h: Float[Tensor, "p s"]
+    sin2_h: Float[Tensor, "p s"]
     cos_d: Float[Tensor, "p s"]
     radiance: Float[Tensor, "p s 3"]
     lamp_density: Float[Tensor, "p s"]
@@ -130,7 +132,8 @@ def draw_lobe(
     world = frame.to_world(2 * cos_d * hx - frame.sin_v, 2 * cos_d * hy, cos_l)
     found = latlong.lookup(sampler.light, *world)
     block = sampler.lamps.blocks.at(*lamps.texels(sampler.lamps, *world))
-    return Directions(cos_l, hz, cos_d, found[..., :3], found[..., 3] * _preferred(sampler, asked, block), None)
+    sin2_h = hx**2 + hy**2
+    return Directions(cos_l, hz, sin2_h, cos_d, found[..., :3], found[..., 3] * _preferred(sampler, asked, block), None)
 
 
 def draw_lamps(
@@ -150,8 +153,9 @@ def draw_lamps(
     scale = torch.rsqrt((hx**2 + hy**2 + hz**2).clamp_min(1e-12))
     cos_h = (hz * scale).clamp(1e-6, 1)  # below the horizon nothing is counted; the bound keeps tan θ finite
     cos_d = ((frame.sin_v * hx + frame.cos_v * hz) * scale).clamp(0, 1)
-    told = found[..., 3]
-    return Directions(lz, cos_h, cos_d, found[..., :3], told * _preferred(sampler, asked, block), density / told)
+    sin2_h, told = (hx**2 + hy**2) * scale**2, found[..., 3]
+    preferred = told * _preferred(sampler, asked, block)
+    return Directions(lz, cos_h, sin2_h, cos_d, found[..., :3], preferred, density / told)
 
 
 def asked_blocks(sampler: LightSampler, rays: Rays, alpha: float) -> Float[Tensor, "p k"]:

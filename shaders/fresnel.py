@@ -152,7 +152,9 @@ def dielectric(cos_d: Float[Tensor, "*p"], ior: Float[Tensor, ...]) -> Float[Ten
 def transmittance(cos_d: Float[Tensor, "*p"], ior: Float[Tensor, ...]) -> Float[Tensor, "*p"]:
     """1 - F of `dielectric`, to the last digits where F is near 1.
 
-        1 - F = 2cg [1/(g + c)² + η²/(η²c + g)²]
+        1 - F = 2 [c/(g + c) · g/(g + c) + c/p · g/p],   p = ηc + g/η
+
+    by quotients, for squares of small cosines would underflow.
 
     Args:
         cos_d, ior: as `dielectric` has them.
@@ -163,7 +165,7 @@ def transmittance(cos_d: Float[Tensor, "*p"], ior: Float[Tensor, ...]) -> Float[
     g = root((ior - 1) * (ior + 1) + cos_d**2)
     air = g + cos_d <= 0
     s, p = torch.where(air, 1.0, g + cos_d), torch.where(air, 1.0, ior * cos_d + g / ior)
-    return torch.where(air, 1.0, 2 * cos_d * g * (1 / s**2 + 1 / p**2))
+    return torch.where(air, 1.0, 2 * ((cos_d / s) * (g / s) + (cos_d / p) * (g / p)))
 
 
 def normal_reflectance(n: Float[Tensor, "*p"], k: Float[Tensor, "*p"]) -> Float[Tensor, "*p"]:

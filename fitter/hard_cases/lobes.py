@@ -49,6 +49,19 @@ def _density(
     )
 
 
+def _by_angle(distribution: Distribution) -> Callable[[Tensor], Tensor]:
+    def density(angle: Tensor) -> Tensor:
+        width = angle.new_tensor(1e-3)
+        return lobe.distribution_of_normals(torch.cos(angle), width, distribution, torch.sin(angle) ** 2)
+
+    return density
+
+
+def _by_angle_exactly(distribution: Distribution) -> Callable[[float], float]:
+    reference = references.ggx if distribution == "ggx" else references.beckmann
+    return lambda angle: reference(references.cosine(angle), 1e-3)
+
+
 def _normalisation(distribution: Distribution) -> Callable[[Numbers], float]:
     def off(numbers: Numbers) -> float:
         """∫ D cosθ dω - 1, by Gauss–Legendre in s = tan θ/α = (1 + x)/(1 - x): cosθ dω = 2π α² s/(1 + α²s²)² ds."""
@@ -154,6 +167,17 @@ def _weights_of_levels(numbers: Numbers) -> float:
 ROWS = (
     *(_density("ggx", alpha, SLOPES, references.ggx) for alpha in (2e-6, 1e-3, 1.0, 3.0)),
     *(_density("beckmann", alpha, SLOPES[:4], references.beckmann) for alpha in (2e-6, 1e-3, 1.0, 3.0)),
+    *(
+        Row(
+            f"{distribution}-density-by-its-sine",
+            "a lobe so narrow that its cosines round to 1 in float32",
+            "θ = 1e-5 … 3e-3 under alpha = 1e-3, told by sin²θ as well",
+            Formula(_by_angle(distribution), {"angle": (1e-5, 3e-4, 1e-3, 3e-3)}, {}, {"angle": 1e-5}),
+            (FINITE, near(_by_angle_exactly(distribution), 32), gradient()),
+            "the formula at 50 digits; finite differences",
+        )
+        for distribution in get_args(Distribution)
+    ),
     *(
         Row(
             f"{distribution}-density-of-a-mirror",

@@ -40,6 +40,12 @@ def _reflected(cos_d: float, n: float, k: float) -> Any:
         return (abs(s) ** 2 + abs(p) ** 2) / 2
 
 
+def cosine(angle: float) -> Any:
+    """cos θ with all its digits."""
+    with mp.workdps(DIGITS):
+        return mp.cos(mp.mpf(angle))
+
+
 def ggx(cos_h: float, alpha: float) -> float:
     """D = α² / (π [cos²(α² + tan²)]²) [Walter 2007, eq. 33]."""
     with mp.workdps(DIGITS):
