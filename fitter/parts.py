@@ -72,6 +72,7 @@ def fit_parts(
             footprint=setting.fidelity.footprint,
             seed=options.seed,
             materials=len(loaded.materials),
+            left_out=loaded.repeated,
             progress=lambda share: progress("choosing pixels", share),
         )
 

@@ -16,6 +16,7 @@ from fitter.hard_cases import small_scene
 from fitter.hard_cases.claims import refused, that, within
 from fitter.hard_cases.row import Numbers, Row
 from fitter.hard_cases.small_scene import PIXELS, Told
+from fitter.loading import repeated
 from fitter.photographs import Photograph, read_photograph
 from fitter.uncertainty import spread
 from renderer.checked import check
@@ -43,6 +44,17 @@ def read(pixels: Any) -> Callable[[Numbers], Photograph]:
             return read_photograph(spec, "scene.toml")
 
     return made
+
+
+def _told_apart(numbers: Numbers) -> list[int]:
+    """Of a hundred identical photographs and one by another camera, those that are taken for new."""
+    with tempfile.TemporaryDirectory() as folder:
+        image = Path(folder) / "view.exr"
+        write_exr(image, EVEN)
+        cameras = [CAMERA] * 100 + [{**CAMERA, "fov": 30.0}]
+        tables = ({"image": str(image), "camera": camera} for camera in cameras)
+        specs = [check(PhotographSpec, each, Path(folder) / "scene.toml") for each in tables]
+        return sorted(set(range(101)) - repeated(specs))
 
 
 def _with(value: float) -> Float[np.ndarray, "h w 3"]:
@@ -228,6 +240,15 @@ ROWS = (
         _moved(_outlier),
         (within(lambda numbers: 1.0, "robust"),),
         "the fit without it: less than a standard error, of which Huber's loss leaves 6/√90 = 0.6",
+    ),
+    Row(
+        "a-hundred-identical-files",
+        "noise that is counted a hundred times makes errors ten times too small",
+        "one file in a hundred tables, and once more by another camera",
+        _told_apart,
+        (that("honest", lambda found, numbers: None if found == [0, 100] else f"takes {found} for new ones"),),
+        "counting: the first of them and the other camera's",
+        once=True,
     ),
     Row(
         "a-photograph-again",
