@@ -5,7 +5,7 @@
 #   make test      the tests
 #   make slow      the tests that take minutes
 #   make stress    properties of whole domains by many examples, and a hundred thousand damaged files; some ten minutes
-#   make hard-cases   docs/hard-cases.md, from the table of hard cases, with Mitsuba beside it
+#   make hard-cases  docs/hard-cases.md, from the table of hard cases, with Mitsuba beside it; two minutes
 #   make check     style, types and the direction of imports, without running anything
 #   make bench     accuracy and time, as the README states them
 #   make bench-recovery   n, k, F0 and alpha of many metals against the truth and the bound; hours at first
