@@ -4,7 +4,7 @@
 #   make demo      photographs of a gold ball by Mitsuba, the fit, a report: demo/report.html
 #   make test      the tests
 #   make slow      the tests that take minutes
-#   make stress    properties of whole domains by many examples, and a hundred thousand damaged files; some ten minutes
+#   make stress    properties of whole domains by many examples, and a hundred thousand damaged files; some fifteen minutes
 #   make hard-cases  docs/hard-cases.md, from the table of hard cases, with Mitsuba beside it; two minutes
 #   make check     style, types and the direction of imports, without running anything
 #   make bench     accuracy and time, as the README states them
@@ -23,7 +23,7 @@
 
 TORCH = torch==2.13.0
 JOBS = 1
-EXAMPLES = 2000
+EXAMPLES = 1000
 REPEATS = 1
 
 bin = .venv/bin

@@ -16,7 +16,7 @@ torch.set_num_threads(1)
 # the same examples on every machine, however slow the first call that compiles or imports something; `make stress` has
 # more of them, and other ones each time
 settings.register_profile("steady", deadline=None, derandomize=True)
-settings.register_profile("long", deadline=None, max_examples=int(os.environ.get("EXAMPLES", "2000")), print_blob=True)
+settings.register_profile("long", deadline=None, max_examples=int(os.environ.get("EXAMPLES", "1000")), print_blob=True)
 settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "steady"))
 
 

@@ -2,191 +2,14 @@
 
 from __future__ import annotations
 
-import itertools
 import math
 
-import torch
-from jaxtyping import Float
-from torch import Tensor
-
+from fitter.hard_cases import angle_experiments as made
 from fitter.hard_cases import references
-from fitter.hard_cases.claims import FINITE, between, gradient, near, that, within
-from fitter.hard_cases.materials import INDEX, grid
-from fitter.hard_cases.row import Formula, Numbers, Row
-from fitter.pixel_model import DirectLight
-from renderer import cubemap, gbuffer, latlong, lobe_sampling
-from renderer.cubemap import Cubemap
-from renderer.environment import Environment, directions
-from renderer.gbuffer import GBuffer
-from renderer.mesh import Sphere
-from shaders import diffuse, fresnel, lobe, shade
-from shaders.materials import Glossy, Matte, Metal
-from shaders.shade import DirectionalLight, Light, Points
-
-TINY = (0.0, 1e-30, 1e-13, 1e-9, 1e-4)
-
-
-def _random(numbers: Numbers, *shape: int) -> Tensor:
-    return numbers.tensor(torch.rand(*shape, generator=torch.Generator().manual_seed(7), dtype=torch.float64))
-
-
-def _unit(*parts: Tensor) -> Float[Tensor, "p 3"]:
-    return torch.nn.functional.normalize(torch.stack(parts, -1), dim=-1)
-
-
-def _looked_up_at_the_pole(x: Tensor, z: Tensor, up: float) -> Tensor:
-    """A map of 8 × 16 texels beside +Y or -Y."""
-    texels = torch.rand(8, 16, 3, generator=torch.Generator().manual_seed(7), dtype=torch.float64).to(x)
-    towards = _unit(x, torch.full_like(x, up), z)
-    return latlong.lookup(latlong.of(Environment(texels)), *towards.unbind(-1))[:, 0]
-
-
-def _polar_angle(x: Tensor) -> Tensor:
-    """Of a direction that leans by x from +Y."""
-    return latlong.polar_angle(torch.sin(x), torch.cos(x), 0 * x)
-
-
-def _seam(numbers: Numbers) -> float:
-    """Jump of the map where its last column meets its first, over 1e-6 rad."""
-    texels = _random(numbers, 8, 16, 3)
-    light = latlong.of(Environment(texels))
-    angle, worst = numbers.tensor(1e-6), 0.0
-    for y in (-0.9, 0.0, 0.6):
-        level, radius = numbers.tensor(y), math.sqrt(1 - y * y)
-        either = [
-            latlong.lookup(light, side * radius * torch.sin(angle), level, -radius * torch.cos(angle))
-            for side in (-1, 1)
-        ]
-        worst = max(worst, float((either[0] - either[1]).abs().max()))
-    return worst
-
-
-def _rotated(numbers: Numbers) -> float:
-    """A map turned by 37° against directions turned back by as much."""
-    texels = _random(numbers, 8, 16, 3)
-    towards = directions(9, 11)[1:-1].reshape(-1, 3).to(numbers.device, numbers.dtype)  # the pole has no azimuth
-    x, y, z = towards.unbind(-1)
-    cos, sin = math.cos(math.radians(37)), math.sin(math.radians(37))
-    turned = latlong.lookup(latlong.of(Environment(texels, 37.0)), x * cos + z * sin, y, z * cos - x * sin)
-    return float((turned - latlong.lookup(latlong.of(Environment(texels)), x, y, z)).abs().max())
-
-
-def _cube_edges(numbers: Numbers) -> float:
-    """Jump of the value over 1e-6 rad across the middle of each of the twelve edges, and near each corner."""
-    cube = Cubemap(_random(numbers, 6, 4, 4, 3))
-    worst = 0.0
-    for axes in itertools.permutations(range(3)):
-        for signs in itertools.product((-1.0, 1.0), repeat=3):
-            for along in (0.1, 0.7, 0.999999, 1.0):
-                point = [0.0, 0.0, 0.0]
-                point[axes[0]], point[axes[1]], point[axes[2]] = signs[0], signs[1], signs[2] * along
-                either = []
-                for side in (-1e-6, 1e-6):
-                    beside = list(point)
-                    beside[axes[0]] *= 1 + side
-                    either.append(cubemap.lookup(cube, numbers.tensor(beside)))
-                worst = max(worst, float((either[0] - either[1]).abs().max()))
-    return worst
-
-
-def _cube_slopes(numbers: Numbers) -> float:
-    """How much the slope of smooth light changes across an edge, over its size, less what OpenGL's filter says.
-
-    OpenGL's seamless filter takes the texel of the same index across an edge, which lies nearer to the edge's middle:
-    at t along the edge the slope breaks by √2 t ∂L/∂t, however small texels are.
-    """
-    size, along = 64, 0.3
-    weights, towards = numbers.tensor([0.3, 0.5, -0.4]), cubemap.face_directions(size)
-    light = 1 + towards.to(numbers.device, numbers.dtype) @ weights
-    cube, slopes = Cubemap(light[..., None]), []
-    for side in (1 - 1e-4, 1 + 1e-4):
-        at = numbers.tensor([[side, 1.0, along]]).requires_grad_()
-        slopes.append(torch.autograd.grad(cubemap.lookup(cube, at).sum(), at)[0])
-    corner = numbers.tensor([1.0, 1.0, along])
-    length, edge = corner.norm(), numbers.tensor([0.0, 0.0, 1.0])
-    by_t = weights @ (edge / length - corner * along / length**3)
-    told = math.sqrt(2) * along * abs(float(by_t))
-    return (float((slopes[0] - slopes[1]).norm()) - told) / float(slopes[0].norm())
-
-
-def _turned_away(cos: Tensor, n: Tensor) -> Tensor:
-    """A metal's radiance where the shading normal leans away from the viewer by -cos."""
-    view = _unit(1 - 0 * cos, 0 * cos, cos)
-    normal = torch.zeros_like(view)
-    normal[:, 2] = 1
-    metal = Metal(n[:, None], n[:, None] + 2, n.new_tensor(0.3))
-    return shade.shade(metal, Points(normal, view), _even_light(n))[:, 0]
-
-
-def _even_light(like: Tensor) -> Light:
-    """Radiance that is linear in the direction, with a lamp."""
-    lamp = DirectionalLight(like.new_tensor([0.0, 0.6, 0.8]), like.new_tensor([1.0, 1.0, 1.0]))
-    weights = like.new_tensor([[0.3], [0.5], [-0.4]])
-    ambient = diffuse.constant_ambient(like.new_tensor([1.0, 1.0, 1.0]))
-    return Light(lambda towards: (2 + towards @ weights).expand(*towards.shape), ambient, sources=(lamp,))
-
-
-def _every_material_at_the_poles(numbers: Numbers) -> str | None:
-    """All materials, seen so that they mirror ±Y exactly: radiance and slopes by geometry and material."""
-    for up, rho in itertools.product((-1.0, 1.0), (0.0, 1e-6, 0.5)):
-        normal = numbers.tensor([[0.0, up, 0.0]]).requires_grad_()
-        half = numbers.tensor(0.5).expand(3).clone().requires_grad_()
-        roughness = numbers.tensor(rho).requires_grad_()
-        light = _even_light(half)
-        for material in (Metal(half, half, roughness), Glossy(half, half, roughness), Matte(half, half)):
-            radiance = shade.shade(material, Points(normal, normal.detach()), light)
-            unknowns = (normal, half) if isinstance(material, Matte) else (normal, half, roughness)
-            slopes = torch.autograd.grad(radiance.sum(), unknowns, retain_graph=True)
-            if not all(each.isfinite().all() for each in (radiance, *slopes)):
-                return f"{material.type} under {up:+g}: {radiance.tolist()}, slopes {[s.tolist() for s in slopes]}"
-    return None
-
-
-def _axes_beside_the_pole(numbers: Numbers) -> float:
-    """How far the blur's axes are from a frame with a horizontal side."""
-    worst = 0.0
-    for lean, up in itertools.product(TINY, (-1.0, 1.0)):
-        r = _unit(numbers.tensor([lean]), numbers.tensor([up]), numbers.tensor([-lean]))
-        k_h, k_v = lobe.tap_axes(r)
-        frame = torch.cat([k_h, k_v, r])
-        worst = max(worst, float((frame @ frame.T - torch.eye(3).to(frame)).abs().max()), float(k_h[:, 1].abs().max()))
-    return worst
-
-
-def _frames(numbers: Numbers) -> float:
-    """How far local frames of straight views are from orthonormal."""
-    trace = gbuffer.tracer(Sphere())
-    worst = 0.0
-    for lean in TINY:
-        origin = torch.nn.functional.normalize(torch.tensor([[lean, 1.0, -lean], [0.3, 0.5, 0.1]], dtype=torch.float64))
-        surface = trace(4 * origin, -origin)
-        rays = surface.reshape(2, 1)
-        frame = lobe_sampling.frames(rays, torch.tensor([0]), numbers.dtype)  # type: ignore[arg-type]
-        axes = torch.stack([torch.stack([part[:, 0] for part in axis], -1) for axis in frame.axes], 1)
-        off = axes @ axes.transpose(1, 2) - torch.eye(3).to(axes)
-        worst = max(worst, float(off.abs().max()))
-    return worst
-
-
-def _lamp_behind(numbers: Numbers) -> str | None:
-    """A lamp exactly opposite to the view, whose half vector is 0/0, and one exactly at the horizon."""
-    axis = torch.tensor([[0.0, 0.0, 1.0]], dtype=torch.float64)
-    trace = gbuffer.tracer(Sphere())
-    surface: GBuffer = trace(4 * axis, -axis).reshape(1, 1)
-    for towards in ([0.0, 0.0, -1.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]):
-        lamp = DirectionalLight(torch.tensor(towards), torch.ones(3))
-        alpha = torch.tensor(0.1, dtype=torch.float64, requires_grad=True)
-        for distribution in ("ggx", "beckmann"):
-            found = DirectLight.of(surface, lamp).reflected(torch.ones_like, alpha, distribution)
-            slope = torch.autograd.grad(found.sum(), alpha)[0]
-            if not (found.isfinite().all() and slope.isfinite() and (found >= 0).all()):
-                return f"{distribution} towards {towards}: {found.tolist()}, slope {slope.item()}"
-    return None
-
-
-def _none(found: str | None, numbers: Numbers) -> str | None:
-    return found
-
+from fitter.hard_cases.claims import FINITE, between, gradient, near, sentence, within
+from fitter.hard_cases.materials import INDEX
+from fitter.hard_cases.row import Formula, Row, grid
+from shaders import fresnel, lobe
 
 ROWS = (
     Row(
@@ -230,7 +53,7 @@ ROWS = (
         "normal-turned-away",
         "an interpolated normal leans away from the viewer: n·v < 0",
         "n·v = -0.5 … 0; metal with blur and a lamp",
-        Formula(_turned_away, grid(cos=(-0.5, -1e-6, 0.0), n=(0.1, 1.0))),
+        Formula(made.turned_away, grid(cos=(-0.5, -1e-6, 0.0), n=(0.1, 1.0))),
         (FINITE, between(0, 50)),
         "finite; not negative",
     ),
@@ -238,15 +61,15 @@ ROWS = (
         "r-along-y",
         "the blur's horizontal axis has no direction; normal, view and r are one",
         "metal, glossy, matte seen along ±Y; ρ = 0, 1e-6, 0.5",
-        _every_material_at_the_poles,
-        (that("finite", _none),),
+        made.every_material_at_the_poles,
+        (sentence("finite"),),
         "finite, with slopes by normal, material and roughness",
     ),
     Row(
         "axes-beside-y",
         "(z, 0, -x) is shorter than any rounding, or has squares that underflow",
         "r leaning 0, 1e-30 … 1e-4 from ±Y",
-        _axes_beside_the_pole,
+        made.axes_beside_the_pole,
         (within(lambda numbers: max(16 * numbers.eps, lobe.SHORTEST)),),
         "an orthonormal frame with a horizontal side; (1, 0, 0) stands for one within 1e-12 of ±Y",
     ),
@@ -255,7 +78,7 @@ ROWS = (
             f"map-at-{name}",
             "acos has an infinite slope there, and half of its digits",
             "1e-30 … 1e-4 rad from the pole",
-            Formula(lambda x, z, up=up: _looked_up_at_the_pole(x, z, up), grid(x=TINY, z=(0.0, 1e-4))),
+            Formula(lambda x, z, up=up: made.looked_up_at_the_pole(x, z, up), grid(x=made.TINY, z=(0.0, 1e-4))),
             (FINITE, between(0, 1, roundings=4)),
             "texels in [0, 1]",
         )
@@ -265,7 +88,7 @@ ROWS = (
         "polar-angle-near-the-pole",
         "acos of a float32 cosine tells no angle below 3e-4, which is a texel of a map of 8192 columns",
         "1e-12 … 1e-2 rad from +Y",
-        Formula(_polar_angle, {"x": (1e-12, 1e-8, 1e-5, 1e-3, 1e-2)}, {"x": (0.0, 1.0)}),
+        Formula(made.polar_angle, {"x": (1e-12, 1e-8, 1e-5, 1e-3, 1e-2)}, {"x": (0.0, 1.0)}),
         (FINITE, near(lambda x: x, 8), gradient()),
         "closed form: the angle itself",
     ),
@@ -273,7 +96,7 @@ ROWS = (
         "map-seam",
         "the last column meets the first",
         "1e-6 rad to either side, three rows",
-        _seam,
+        made.seam,
         (within(lambda numbers: 4e-6 * 16 / (2 * math.pi) + 64 * 16 * numbers.eps, "continuous"),),
         "a bilinear slope of at most 1 a texel",
     ),
@@ -281,7 +104,7 @@ ROWS = (
         "map-and-scene-turn-together",
         "a rotation of map and directions changes nothing",
         "37° about +Y",
-        _rotated,
+        made.rotated,
         (within(lambda numbers: 64 * 16 * numbers.eps, "invariant"),),
         "the same map, not turned",
     ),
@@ -289,7 +112,7 @@ ROWS = (
         "cube-edges-and-corners",
         "two faces meet at an edge, three at a corner, where there is no fourth texel",
         "12 edges, 8 corners, 1e-6 to either side",
-        _cube_edges,
+        made.cube_edges,
         (within(lambda numbers: 4e-6 * 4 + 64 * 4 * numbers.eps, "continuous"),),
         "a bilinear slope of at most 1 a texel",
     ),
@@ -297,7 +120,7 @@ ROWS = (
         "slope-across-a-cube-edge",
         "where faces meet, the derivative of smooth light breaks by no more than OpenGL's filter, whose twin this is",
         "linear light on faces of 64² texels",
-        _cube_slopes,
+        made.cube_slopes,
         (within(lambda numbers: 3 / 64 + 64 * 64 * numbers.eps, "continuous"),),
         "light with one slope; OpenGL's kink by its closed form; bilinear slopes err by a texel's curvature",
     ),
@@ -305,7 +128,7 @@ ROWS = (
         "straight-view",
         "a view along the normal has no tangent",
         "0, 1e-30 … 1e-4 rad off",
-        _frames,
+        made.frames,
         (within(lambda numbers: 16 * numbers.eps),),
         "an orthonormal frame",
     ),
@@ -313,8 +136,8 @@ ROWS = (
         "lamp-behind-and-at-the-horizon",
         "the half vector of opposite directions is 0/0",
         "lamp at -v, at the horizon, at v; GGX, Beckmann",
-        _lamp_behind,
-        (that("finite", _none),),
+        made.lamp_behind,
+        (sentence("finite"),),
         "finite; not negative",
     ),
 )

@@ -157,9 +157,9 @@ def rising(name: str, sign: int = 1) -> Claim:
     return Claim("monotone", broken)
 
 
-def that(word: str, sentence: Callable[[Any, Numbers], str | None]) -> Claim:
-    """A claim of its own about what an experiment returned."""
-    return Claim(word, sentence)
+def sentence(word: str) -> Claim:
+    """An experiment that tells itself, in a sentence, what does not hold."""
+    return Claim(word, lambda found, numbers: found)
 
 
 def within(bound: Callable[[Numbers], float], word: str = "near") -> Claim:

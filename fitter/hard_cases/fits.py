@@ -2,209 +2,24 @@
 
 from __future__ import annotations
 
-import itertools
 import math
-from collections.abc import Callable
-from dataclasses import replace
-from typing import Any
 
-import numpy as np
 import torch
-from jaxtyping import Float
-from torch import Tensor
 
-from fitter.condensed import condensed
+from fitter.hard_cases import fit_experiments as made
 from fitter.hard_cases import small_scene
-from fitter.hard_cases.claims import that, within
+from fitter.hard_cases.claims import sentence, within
 from fitter.hard_cases.photographs import FINITE_RESULT, undetermined
-from fitter.hard_cases.row import Numbers, Row
-from fitter.hard_cases.small_scene import COORDINATES, Told
-from fitter.reflectances import REFLECTANCES
-from fitter.residuals import Residuals
-from fitter.solve import SOLVERS, Residual, Solution
-from fitter.uncertainty import spread
+from fitter.hard_cases.row import Row
 
-
-def _residuals(numbers: Numbers, noise: float = small_scene.NOISE) -> Residuals:
-    light = small_scene.table(numbers.dtype, numbers.device)
-    return small_scene.residuals_of(light, small_scene.photograph(light, noise))
-
-
-def _cost(residuals: Residual, x: Tensor) -> float:
-    return 0.5 * float(residuals(x).square().sum())
-
-
-def _corners(numbers: Numbers) -> str | None:
-    """From every corner of F0, tint and roughness, of all channels alike: never worse than it began, never NaN."""
-    residuals = _residuals(numbers)
-    for corner in itertools.product((-6.0, 6.0), repeat=3):
-        start = torch.tensor([corner[0]] * 3 + [corner[1]] * 3 + [corner[2]], dtype=torch.float64)
-        short = condensed(residuals, start)  # as a fit has them; every corner has outliers of its own
-        found = SOLVERS["lm"](short, start)
-        least = _cost(short, COORDINATES.free(small_scene.gold()))
-        sentence = _sound(found, _cost(short, start)) or _honest(short, found, least)
-        if sentence:
-            return f"from {corner}: {sentence}"
-    return None
-
-
-def _sound(found: Solution, before: float) -> str | None:
-    if not (found.x.isfinite().all() and math.isfinite(found.cost)):
-        return f"ends at {found.x.tolist()} with cost {found.cost}"
-    return (
-        None if found.cost <= before * (1 + 1e-12) else f"ends at cost {found.cost:.6g}, above the start's {before:.6g}"
-    )
-
-
-def _honest(residuals: Residual, found: Solution, least: float) -> str | None:
-    """What calls itself converged has a slope of next to nothing: a standard error of the cost's."""
-    if found.status != "converged":
-        return None
-    x = found.x.clone().requires_grad_()
-    (slope,) = torch.autograd.grad(0.5 * residuals(x).square().sum(), x)
-    size = float(slope.abs().max())
-    allowed = 1e-2 * max(found.cost, least)
-    return None if size < allowed else f"calls itself converged at a slope of {size:.3g}, allowed {allowed:.3g}"
-
-
-def _from(start: Callable[[], Tensor]) -> Callable[[Numbers], str | None]:
-    def ends(numbers: Numbers) -> str | None:
-        residuals = _residuals(numbers)
-        found = small_scene.fitted(residuals, start()).solution
-        return _sound(found, _cost(residuals, start())) or _honest(residuals, found, found.cost)
-
-    return ends
-
-
-def _at_the_truth(numbers: Numbers) -> float:
-    """How far a fit of a picture without noise walks away from what made it."""
-    truth = COORDINATES.free(small_scene.gold())
-    residuals = _residuals(numbers, noise=0.0)
-    bare = replace(residuals, coordinates=replace(COORDINATES, tint=truth[3:6]))  # nothing known beforehand
-    start = torch.cat([truth[:3], truth[6:]])
-    return float((small_scene.fitted(bare, start).x - start).abs().max())
-
-
-def _told(
-    seen: Callable[[Residuals], Residuals] = lambda residuals: residuals, **how: Any
-) -> Callable[[Numbers], Told]:
-    return lambda numbers: small_scene.told(seen(_residuals(numbers)), **how)
-
-
-def _by_f0_alone(residuals: Residuals) -> Residuals:
-    return replace(residuals, model=small_scene.model(residuals.model.table, REFLECTANCES["lazanyi"]))  # type: ignore[arg-type]
-
-
-def _without_rank(numbers: Numbers) -> str | None:
-    """Two unknowns that act alike, and one that does nothing, under every solver."""
-    target = torch.tensor([1.0, -2.0, 0.5], dtype=torch.float64)
-
-    def residual(x: Float[Tensor, "4"]) -> Float[Tensor, "3"]:
-        return torch.stack([x[0] + x[1], x[2], x[0] + x[1] + x[2]]) - target + 0 * x[3]
-
-    (best,) = np.linalg.lstsq(np.array([[1, 0], [0, 1], [1, 1]]), target.numpy(), rcond=None)[1] / 2
-    for name, solver in SOLVERS.items():
-        found = solver(residual, torch.tensor([5.0, 1.0, 3.0, 7.0], dtype=torch.float64))
-        if not found.x.isfinite().all() or found.status != "converged" or found.cost > best * (1 + 1e-6):
-            return f"{name} ends {found.status} at {found.x.tolist()} with cost {found.cost:.9g}, expected {best:.9g}"
-    return None
-
-
-def _cliff(x: Tensor) -> Tensor:
-    """NaN beyond x = 1, where the minimum, 2, lies."""
-    return torch.stack([torch.sqrt(1 - x[0]) * 0 + x[0] - 2, x[1] - 1])
-
-
-def _nowhere(x: Tensor) -> Tensor:
-    return torch.stack([x[0], x[1]]) * math.nan
-
-
-def _exploding(x: Tensor) -> Tensor:
-    return torch.stack([torch.exp(700 * x[0]) - 1, x[1]])
-
-
-def _survives(residual: Callable[[Tensor], Tensor], stopped: bool) -> Callable[[Numbers], str | None]:
-    def ends(numbers: Numbers) -> str | None:
-        start = torch.tensor([0.5, 0.0], dtype=torch.float64)
-        for name, solver in SOLVERS.items():
-            found = solver(residual, start)
-            if not found.x.isfinite().all() or (stopped and found.status != "stopped"):
-                return f"{name} ends {found.status} at {found.x.tolist()}"
-        return None
-
-    return ends
-
-
-def _few_steps(numbers: Numbers) -> str | None:
-    """One step is too few for all of them, and all say so."""
-    residuals = _residuals(numbers)
-    for name, solver in SOLVERS.items():
-        found = solver(residuals, small_scene.start(), steps=1)
-        sentence = _sound(found, math.inf)
-        if sentence or found.status != "stopped":
-            return f"{name}: {sentence or found.status}"
-    return None
-
-
-def _single_precision(numbers: Numbers) -> float:
-    """Standard errors by which a table in these numbers moves the fit from that of the same table in float64."""
-    double = small_scene.table(torch.float64, numbers.device)
-    seen = small_scene.photograph(double)
-    exact = small_scene.residuals_of(double, seen)
-    rounded = small_scene.residuals_of(replace(double, light=double.light.to(numbers.dtype)), seen)
-    fit = small_scene.fitted(exact)
-    errors = spread(exact, fit.x).covariance.diagonal().sqrt()
-    return float(((small_scene.fitted(rounded).x - fit.x) / errors).abs().max())
-
-
-def _moves(change: Callable[[Residuals], Residuals], back: Callable[[Tensor], Tensor] = lambda x: x) -> Any:
-    """Standard errors by which the solution moves under what should change nothing."""
-
-    def moved(numbers: Numbers) -> float:
-        residuals = _residuals(numbers)
-        plain, other = small_scene.fitted(residuals), small_scene.fitted(change(residuals))
-        errors = spread(residuals, plain.x).covariance.diagonal().sqrt()
-        return float(((back(other.x) - plain.x) / errors).abs().max())
-
-    return moved
-
-
-def _permuted(residuals: Residuals) -> Residuals:
-    """The pixels in another order."""
-    order = torch.randperm(len(residuals.photograph), generator=torch.Generator().manual_seed(4))
-    return small_scene.residuals_of(residuals.model.table, residuals.photograph, order)  # type: ignore[arg-type]
-
-
-def _channels(residuals: Residuals) -> Residuals:
-    """Red, green and blue as blue, red, green, of light and photograph."""
-    table, order = residuals.model.table, torch.tensor([2, 0, 1])
-    assert table is not None
-    return small_scene.residuals_of(replace(table, light=table.light[..., order]), residuals.photograph[:, order])
-
-
-def _scaled(residuals: Residuals) -> Residuals:
-    """Light and photograph 2²⁰ times as bright."""
-    table = residuals.model.table
-    assert table is not None
-    return small_scene.residuals_of(replace(table, light=table.light * 2.0**20), residuals.photograph * 2.0**20)
-
-
-def _none(found: str | None, numbers: Numbers) -> str | None:
-    return found
-
-
-def _tolerance(numbers: Numbers) -> float:
-    return 1e-2
-
-
-SOUND = that("finite, no worse, honest", _none)
+SOUND = sentence("finite, no worse, honest")
 
 ROWS = (
     Row(
         "every-corner",
         "logistics are flat there: no slope leads away",
         "F0, tint, alpha at ±6 of their logits",
-        _corners,
+        made.corners,
         (SOUND,),
         "the start's cost; the slope at the end",
         once=True,
@@ -213,7 +28,7 @@ ROWS = (
         "at-a-bound",
         "alpha at the end of its interval, k all but 0",
         "alpha's logit 20, tints 15",
-        _from(lambda: torch.tensor([0.0] * 3 + [15.0] * 3 + [20.0], dtype=torch.float64)),
+        made.from_start(lambda: torch.tensor([0.0] * 3 + [15.0] * 3 + [20.0], dtype=torch.float64)),
         (SOUND,),
         "the start's cost; the slope at the end",
     ),
@@ -221,7 +36,7 @@ ROWS = (
         "beyond-the-domain",
         "unknowns at which nothing changes any more",
         "all at 1000",
-        _from(lambda: torch.full((7,), 1e3, dtype=torch.float64)),
+        made.from_start(lambda: torch.full((7,), 1e3, dtype=torch.float64)),
         (SOUND,),
         "the start's cost; the slope at the end",
     ),
@@ -229,7 +44,7 @@ ROWS = (
         "at-the-truth",
         "the cost is 0, and every share of it",
         "a picture without noise, started at gold",
-        _at_the_truth,
+        made.at_the_truth,
         (within(lambda numbers: 1e-4),),
         "the material that made it",
     ),
@@ -237,7 +52,7 @@ ROWS = (
         "without-rank",
         "two unknowns act alike, a third does nothing",
         "a Jacobian of rank 2, of four unknowns; three solvers",
-        _without_rank,
+        made.without_rank,
         (SOUND,),
         "numpy's least squares",
         once=True,
@@ -246,7 +61,7 @@ ROWS = (
         "two-materials-with-one-picture",
         "Lazányi's formula sees F0 alone: every n, k on a circle renders alike",
         "n and k asked for under the thesis's reflectance",
-        _told(_by_f0_alone),
+        made.told(made.by_f0_alone),
         (FINITE_RESULT, undetermined("n", "k", words="lies anywhere in")),
         "MODEL.md 1",
         once=True,
@@ -255,7 +70,7 @@ ROWS = (
         "one-step",
         "the limit comes before the end",
         "one step of each solver",
-        _few_steps,
+        made.few_steps,
         (SOUND,),
         "the word stopped",
     ),
@@ -263,7 +78,7 @@ ROWS = (
         "one-step-told",
         "a fit that was cut off has numbers, too",
         "one step",
-        _told(steps=1),
+        made.told(steps=1),
         (FINITE_RESULT, undetermined("f0", "n", "k", "alpha", words="stopped in 1 steps")),
         "the status stopped",
         once=True,
@@ -272,7 +87,7 @@ ROWS = (
         "nan-beyond-a-cliff",
         "the way to the minimum leads through NaN",
         "three solvers",
-        _survives(_cliff, stopped=False),
+        made.survives(made.cliff, stopped=False),
         (SOUND,),
         "finite",
         once=True,
@@ -281,7 +96,7 @@ ROWS = (
         "nan-everywhere",
         "no step has a number",
         "three solvers",
-        _survives(_nowhere, stopped=True),
+        made.survives(made.nowhere, stopped=True),
         (SOUND,),
         "the word stopped",
         once=True,
@@ -290,7 +105,7 @@ ROWS = (
         "residuals-of-1e152",
         "their squares overflow",
         "exp(700 x) from x = 0.5; three solvers",
-        _survives(_exploding, stopped=False),
+        made.survives(made.exploding, stopped=False),
         (SOUND,),
         "finite",
         once=True,
@@ -299,7 +114,7 @@ ROWS = (
         "rounded-table",
         "a light table in float32",
         "the same table, rounded",
-        _single_precision,
+        made.single_precision,
         (within(lambda numbers: 16 * numbers.eps / small_scene.NOISE * math.sqrt(270) + 1e-4),),
         "the fit by float64's: each pixel moves by ε/noise standard errors, √270 of them at most",
     ),
@@ -307,24 +122,24 @@ ROWS = (
         "pixels-in-another-order",
         "sums in another order",
         "a permutation of the pixels",
-        _moves(_permuted),
-        (within(_tolerance, "invariant"),),
+        made.moves(made.permuted),
+        (within(made.tolerance, "invariant"),),
         "the fit before; the solver's tolerance",
     ),
     Row(
         "channels-in-another-order",
         "nothing knows red from blue",
         "channels turned, of light and photograph",
-        _moves(_channels, lambda x: x[[1, 2, 0, 4, 5, 3, 6]]),
-        (within(_tolerance, "invariant"),),
+        made.moves(made.channels, lambda x: x[[1, 2, 0, 4, 5, 3, 6]]),
+        (within(made.tolerance, "invariant"),),
         "the fit before; the solver's tolerance",
     ),
     Row(
         "all-brighter",
         "thresholds that are absolute",
         "light and photograph 2²⁰ times as bright",
-        _moves(_scaled),
-        (within(_tolerance, "invariant"),),
+        made.moves(made.scaled),
+        (within(made.tolerance, "invariant"),),
         "the fit before; the solver's tolerance",
     ),
 )

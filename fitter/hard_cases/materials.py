@@ -9,8 +9,8 @@ import torch
 from torch import Tensor
 
 from fitter.hard_cases import references
-from fitter.hard_cases.claims import FINITE, between, float32, gradient, near, rising, that, within
-from fitter.hard_cases.row import Formula, Numbers, Row
+from fitter.hard_cases.claims import FINITE, between, float32, gradient, near, rising, sentence, within
+from fitter.hard_cases.row import Formula, Numbers, Row, grid
 from fitter.parameters import GlossyCoordinates, Interval, MatteCoordinates, MetalCoordinates
 from shaders import diffuse, fresnel, plastic, shade
 from shaders.materials import Metal
@@ -18,12 +18,6 @@ from shaders.materials import Metal
 COSINES = (0.0, 1e-8, 1e-3, 0.3, 0.8, 0.999, 1.0)
 INDEX = {"cos_d": (0.0, 1.0), "n": (0.0, float("inf")), "k": (0.0, float("inf"))}
 ROUNDINGS = 48  # of the conductor's formulas, each step counted, doubled for two quotients
-
-
-def grid(**values: Sequence[float]) -> dict[str, list[float]]:
-    """Every combination of values, as places of a formula."""
-    rows = list(itertools.product(*values.values()))
-    return {name: [row[i] for row in rows] for i, name in enumerate(values)}
 
 
 def _metal(
@@ -269,7 +263,7 @@ ROWS = (
         "a solver's step may go to ±1000, where logistics are 0 and 1 and k = 0",
         "metal, glossy, matte at ±30, ±1000",
         _corners,
-        (that("finite", lambda found, numbers: found),),
+        (sentence("finite"),),
         "finite",
     ),
     Row(

@@ -13,8 +13,8 @@ from jaxtyping import Float
 from torch import Tensor
 
 from fitter.hard_cases import small_scene
-from fitter.hard_cases.claims import refused, that, within
-from fitter.hard_cases.row import Numbers, Row
+from fitter.hard_cases.claims import refused, within
+from fitter.hard_cases.row import Claim, Numbers, Row
 from fitter.hard_cases.small_scene import PIXELS, Told
 from fitter.loading import repeated
 from fitter.photographs import Photograph, read_photograph
@@ -108,7 +108,7 @@ def undetermined(*keys: str, words: str) -> Any:
             return "has the status converged without F0"
         return None if words in found.message else f"says {found.message!r}, expected the words {words!r}"
 
-    return that("honest", sentence)
+    return Claim("honest", sentence)
 
 
 def _all_told_is_finite(found: Told, numbers: Numbers) -> str | None:
@@ -125,7 +125,7 @@ def _flat(nested: Any) -> list[float]:
     return [float(nested)] if isinstance(nested, int | float) and not isinstance(nested, bool) else []
 
 
-FINITE_RESULT = that("finite", _all_told_is_finite)
+FINITE_RESULT = Claim("finite", _all_told_is_finite)
 
 
 def _moved(change: Callable[[Tensor], Tensor], pixels: Tensor | None = None) -> Callable[[Numbers], float]:
@@ -180,7 +180,7 @@ ROWS = (
         "one NaN is in every sum",
         "EXR with one pixel of NaN",
         read(_with(np.nan)),
-        (that("left out and counted", _left_out),),
+        (Claim("left out and counted", _left_out),),
         "15 pixels of 16",
     ),
     Row(
@@ -188,7 +188,7 @@ ROWS = (
         "∞ - ∞",
         "EXR with one pixel of ∞",
         read(_with(np.inf)),
-        (that("left out and counted", _left_out),),
+        (Claim("left out and counted", _left_out),),
         "15 pixels of 16",
     ),
     Row(
@@ -225,7 +225,7 @@ ROWS = (
         seen(_black_channel),
         (
             FINITE_RESULT,
-            that(
+            Claim(
                 "honest",
                 lambda found, numbers: None if found.material.f0[2] < 0.05 else f"F0 of blue is {found.material.f0[2]}",
             ),
@@ -246,7 +246,7 @@ ROWS = (
         "noise that is counted a hundred times makes errors ten times too small",
         "one file in a hundred tables, and once more by another camera",
         _told_apart,
-        (that("honest", lambda found, numbers: None if found == [0, 100] else f"takes {found} for new ones"),),
+        (Claim("honest", lambda found, numbers: None if found == [0, 100] else f"takes {found} for new ones"),),
         "counting: the first of them and the other camera's",
         once=True,
     ),

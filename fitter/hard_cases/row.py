@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from types import MappingProxyType
@@ -71,6 +72,12 @@ class Formula:
         """The same function at the places as these numbers hold them."""
         places = {name: values.tolist() for name, values in self.inputs(numbers).items()}
         return Formula(self.function, places, self.domain, self.scale)
+
+
+def grid(**values: Sequence[float]) -> dict[str, list[float]]:
+    """Every combination of values, as places of a formula."""
+    rows = list(itertools.product(*values.values()))
+    return {name: [row[i] for row in rows] for i, name in enumerate(values)}
 
 
 @dataclass(frozen=True)
