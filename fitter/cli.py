@@ -19,6 +19,7 @@ from fitter.advise_command import advise
 from fitter.command_options import Out
 from fitter.fit_command import DONE, NO_MATERIAL, demo, fit
 from fitter.frontier_command import frontier
+from fitter.plan_command import plan
 from fitter.printing import flush, say
 from fitter.selftest_command import selftest
 from fitter.synth_command import synth
@@ -37,6 +38,7 @@ app = typer.Typer(
 app.command()(view)
 app.command()(advise)
 app.command()(frontier)
+app.command()(plan)
 app.command()(fit)
 app.command()(synth)
 app.command()(demo)

@@ -27,3 +27,11 @@ Seed = Annotated[
     int, typer.Option(help="Of everything random; the same seed gives the same files.", min=0, max=2**31 - 1)
 ]
 Device = Annotated[str, typer.Option(help="Where light is integrated: cpu, cuda, cuda:1 …")]
+With = Annotated[
+    list[str] | None,
+    typer.Option("--with", metavar="EFFECT", help="Simulate this effect, whatever `plan` says of it; may be repeated."),
+]
+Without = Annotated[
+    list[str] | None,
+    typer.Option("--without", metavar="EFFECT", help="Leave this effect out, whatever `plan` says; may be repeated."),
+]

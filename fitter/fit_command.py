@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from fitter.command_options import Device, Out, Quiet, Seed
+from fitter.command_options import Device, Out, Quiet, Seed, With, Without
 from fitter.option_names import (
     DtypeName,
     FidelityName,
@@ -66,6 +66,8 @@ def fit(
     polish: Annotated[
         bool, typer.Option("--polish", help="Fit metals once more with Mitsuba's paths: interreflection. Needs LLVM.")
     ] = False,
+    with_: With = None,
+    without: Without = None,
     solver: Annotated[SolverName, typer.Option(help="Least squares by which method.")] = SolverName.lm,
     seed: Seed = 0,
     device: Device = "cpu",
@@ -80,7 +82,8 @@ def fit(
     accuracy = fidelity_of(fidelity.value, **words, **numbers)  # type: ignore[arg-type] — the enums' values
     _require_free(tolerance, {key: numbers[key] for key in ("samples", "pixels", "levels")})
     chosen = (type_.value, accuracy, prior.value, solver.value)
-    code = _fit(scene, out, *chosen, seed, device, quiet, polish=polish, tolerance=tolerance)
+    effects = (tuple(with_ or ()), tuple(without or ()))
+    code = _fit(scene, out, *chosen, seed, device, quiet, polish=polish, tolerance=tolerance, effects=effects)
     raise typer.Exit(code)
 
 
@@ -119,13 +122,14 @@ def _fit(
     begun: float = BEGUN,
     polish: bool = False,
     tolerance: float | None = None,
+    effects: tuple[tuple[str, ...], tuple[str, ...]] = ((), ()),
 ) -> int:
     with progress_bar(quiet) as progress:
         progress("starting", 0)
         from fitter.pipeline import FitOptions, fit_scene
 
         command = shlex.join(["fit-material", *sys.argv[1:]])
-        told = (solver, seed, device, command, kind, prior, polish, tolerance)
+        told = (solver, seed, device, command, kind, prior, polish, tolerance, *effects)
         options = FitOptions(fidelity, *told)  # type: ignore[arg-type] — PriorName's
         result = fit_scene(scene, out, options, progress, begun)
     _print_result(result, out)

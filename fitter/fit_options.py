@@ -20,9 +20,10 @@ class FitOptions:
         command: the command line, for the report.
         type: of the materials that the scene file leaves open: "metal", "glossy", "matte", or "auto".
         prior: "catalogue" where known metals are to stand in for n and k that the photographs leave open.
-        polish: whether metals are fitted once more with Mitsuba's paths, interreflection included.
+        polish: whether metals are fitted once more with Mitsuba's paths, whatever the plan says of interreflection.
         tolerance: relative movement that no determined number is to exceed, in (0, 1): pixels, samples and levels are
             then what it takes; None where they are the fidelity's.
+        wanted, unwanted: effects of `shaders.effects` that are simulated, or not, whatever the plan says.
     """
 
     fidelity: Fidelity = PRESETS["standard"]
@@ -34,3 +35,5 @@ class FitOptions:
     prior: Prior = "none"
     polish: bool = False
     tolerance: float | None = None
+    wanted: tuple[str, ...] = ()
+    unwanted: tuple[str, ...] = ()

@@ -3,9 +3,13 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+
+import torch
+from jaxtyping import Float
+from torch import Tensor
 
 from fitter.choice import Choice, fit_type
 from fitter.fidelity import Fidelity
@@ -15,7 +19,7 @@ from fitter.nearest import nearest_metals
 from fitter.parameters import MetalCoordinates
 from fitter.polish import Polish, polish_scene, polished
 from fitter.prior import Prior, borrow
-from fitter.result import FittedMaterial, Tolerance
+from fitter.result import FittedMaterial, MaterialType, Tolerance
 from fitter.search import Problem
 from fitter.selection import Observations, choose_pixels
 from fitter.setting import Setting
@@ -25,9 +29,11 @@ from fitter.tolerance import FIRST_PIXELS, ascend
 from fitter.uncertainty import Spread, spread
 from fitter.verdicts import seen_by
 from fitter.viewer_roughness import viewer_roughness
-from renderer.gbuffer import Tracer
+from renderer.gbuffer import GBuffer, Tracer
 
 Progress = Callable[[str, float], None]
+
+MOST_TRACED = 4000  # pixels, of which paths take a minute or two; what they leave uncertain in F0 is a thousandth
 
 
 @dataclass(frozen=True)
@@ -58,9 +64,25 @@ class FittedPart:
 
 
 def fit_parts(
-    loaded: Loaded, trace: Tracer, setting: Setting, options: FitOptions, progress: Progress, scene_file: Path
+    loaded: Loaded,
+    trace: Tracer,
+    setting: Setting,
+    options: FitOptions,
+    progress: Progress,
+    scene_file: Path,
+    kinds: Sequence[MaterialType | None] | None = None,
+    kept: Collection[int] = (),
 ) -> list[FittedPart]:
-    """Each material from its own pixels."""
+    """Each material from its own pixels.
+
+    Args:
+        loaded, trace, setting, options: what there is, and how to fit it.
+        progress: told the stage and its share done.
+        scene_file: for the sentences of errors.
+        kinds: types of the materials, None to find them; as scene file and options say where left out.
+        kept: materials of which pixels are taken though they mirror the object.
+    """
+    types = kinds_of(loaded, options) if kinds is None else kinds
 
     @functools.cache
     def chosen(count: int) -> list[Observations | None]:
@@ -73,6 +95,7 @@ def fit_parts(
             seed=options.seed,
             materials=len(loaded.materials),
             left_out=loaded.repeated,
+            kept=kept,
             progress=lambda share: progress("choosing pixels", share),
         )
 
@@ -83,18 +106,22 @@ def fit_parts(
 
     seen = chosen(setting.fidelity.pixels if options.tolerance is None else FIRST_PIXELS)
     return [
-        _fitted_part(index, functools.partial(problem_at, index=index), loaded, setting.fidelity, options)
+        _fitted_part(index, functools.partial(problem_at, index=index), loaded, setting.fidelity, options, types[index])
         for index, observed in enumerate(seen)
         if observed is not None
     ]
 
 
 def _fitted_part(
-    index: int, problem_at: Callable[[Fidelity], Problem], loaded: Loaded, fidelity: Fidelity, options: FitOptions
+    index: int,
+    problem_at: Callable[[Fidelity], Problem],
+    loaded: Loaded,
+    fidelity: Fidelity,
+    options: FitOptions,
+    kind: MaterialType | None,
 ) -> FittedPart:
     """One material: by the fidelity, or by as much of it as a tolerance takes."""
     name = loaded.materials[index]
-    kind = loaded.kind(name, options.type)
     if options.tolerance is None:
         problem = problem_at(fidelity)
         return _part(index, name, problem.observed, fit_type(problem, kind), problem.setting, options.prior)
@@ -102,6 +129,11 @@ def _fitted_part(
     problem = ascent.problem
     part = _part(index, name, problem.observed, ascent.choice, problem.setting, options.prior)
     return replace(part, told=f"{part.told} {ascent.sentence}", tolerance=ascent.record(name))
+
+
+def kinds_of(loaded: Loaded, options: FitOptions) -> list[MaterialType | None]:
+    """The type of each material where scene file or options tell it."""
+    return [loaded.kind(name, options.type) for name in loaded.materials]
 
 
 def polished_parts(
@@ -114,13 +146,29 @@ def polished_parts(
         if found[part.index].type != "metal":
             return replace(part, told=f"{part.told} It is no metal, so that the polish left it as it was.")
         label = _labelled(progress, part.material.name, len(parts))
-        problem = Problem(part.observed, part.setting, SOLVERS[options.solver], label)
+        unhindered = replace(part.setting, occluder=None)  # what the object hides, the paths know
+        few = part.observed[:: -(-len(part.observed.radiance) // MOST_TRACED)]
+        problem = Problem(few, unhindered, SOLVERS[options.solver], label)
         polish = polished(problem, part.choice.fit, polish_scene(loaded, part.setting, found, part.index))
         choice = replace(part.choice, fit=polish.fit)
-        made = _part(part.index, part.material.name, part.observed, choice, part.setting, options.prior)
+        made = _part(part.index, part.material.name, few, choice, unhindered, options.prior)
         return replace(made, tolerance=part.tolerance, polish=polish)
 
     return [again(part) for part in parts]
+
+
+def painted(
+    parts: Sequence[FittedPart],
+    surface: GBuffer,
+    radiance_of: Callable[[FittedPart, GBuffer], Float[Tensor, "p 3"]],
+) -> Float[Tensor, "p 3"]:
+    """Radiance of pixels [p, k], each by the part whose material it shows, float64."""
+    radiance = torch.zeros(len(surface.hit), 3, dtype=torch.float64)
+    for part in parts:
+        own = surface.material[:, 0] == part.index
+        if own.any():
+            radiance[own] = radiance_of(part, surface[own])
+    return radiance
 
 
 def _labelled(progress: Progress, name: str, count: int) -> Progress:

@@ -11,17 +11,18 @@ import torch
 
 from fitter import quality
 from fitter.curves import Curve, reflectance_curve
-from fitter.effects import effects_of
+from fitter.effect_strips import strips
 from fitter.fidelity import Fidelity
 from fitter.fit_options import FitOptions
 from fitter.loading import Loaded, load
 from fitter.mtl import ordinary_mtl, thesis_mtl
-from fitter.parts import FittedPart, Progress, fit_parts, polished_parts
+from fitter.parts import FittedPart, Progress, painted
+from fitter.planned_fit import PlannedFit, fit_planned
 from fitter.polish import require_polishable
 from fitter.quality import ViewPictures
 from fitter.reflectances import REFLECTANCES
 from fitter.report import comparison_png, render_report
-from fitter.result import Model, Result, Time, write_result
+from fitter.result import Effect, Model, Result, Time, write_result
 from fitter.setting import Setting
 from fitter.solve import compiling
 from fitter.summary import status_of
@@ -32,6 +33,7 @@ from renderer.box_filter import box_filtered
 from renderer.errors import InputError
 from renderer.gbuffer import GBuffer, Tracer
 from renderer.picture import draw
+from renderer.plan import require_choosable
 from renderer.surroundings import directional_light
 from renderer.threads import one_thread_per_operation
 
@@ -62,7 +64,8 @@ def fit_scene(
     """
     began = time.perf_counter() if begun is None else begun
     device = torch_device(options.device)
-    if options.polish:
+    require_choosable(options.wanted, options.unwanted)
+    if options.polish or "interreflection" in options.wanted:
         require_polishable(options.fidelity)
     if options.tolerance is not None:
         require_tolerance(options.tolerance, options.fidelity)
@@ -72,18 +75,17 @@ def fit_scene(
     if options.solver == "lm":
         compiling()
     with one_thread_per_operation(), replaced_together(out) as folder:
-        progress("choosing pixels", 0)
         trace = gbuffer.tracer(loaded.shape)
         setting = setting_of(loaded, options, device)
-        parts = fit_parts(loaded, trace, setting, options, progress, scene_file)
-        if options.polish:
-            parts = polished_parts(loaded, parts, options, progress)
+        planned = fit_planned(loaded, trace, setting, options, progress, scene_file)
+        parts = planned.parts
         solving = sum(part.choice.fit.solve_seconds for part in parts)
         clock = _Clock(began, read, time.perf_counter(), loaded.photographs.seconds, solving)
         progress("writing the report", 0)
         views = _views(loaded, trace, parts)
-        result = _result(loaded, parts, views, clock)
-        page = render_report(result, views, [_curve(part) for part in parts], command=options.command)
+        result = _result(loaded, planned, views, clock)
+        alone = strips(planned, loaded.photographs.thumbnails[0], trace)
+        page = render_report(result, views, [_curve(part) for part in parts], alone, command=options.command)
         write_text_atomically(folder / "report.html", page)
         write_bytes_atomically(folder / "comparison.png", comparison_png(views))
         write_text_atomically(folder / f"{loaded.name}.thesis.mtl", thesis_mtl(result.materials))
@@ -171,48 +173,46 @@ def _remarks(loaded: Loaded, parts: Sequence[FittedPart], fidelity: Fidelity) ->
     return remarks
 
 
-def _message(loaded: Loaded, parts: Sequence[FittedPart], fidelity: Fidelity) -> str:
-    """What there is to say of each material, and of the input."""
+def _message(loaded: Loaded, planned: PlannedFit, fidelity: Fidelity) -> str:
+    """What there is to say of each material, of the plan, and of the input."""
+    parts = planned.parts
     told = [part.told for part in parts]
     if len(loaded.materials) > 1:
         told = [f"{part.material.name}: {sentences}" for part, sentences in zip(parts, told, strict=True)]
-    return " ".join([*told, *_remarks(loaded, parts, fidelity)])
+    return " ".join([*told, *planned.told, *_remarks(loaded, parts, fidelity)])
 
 
 def _views(loaded: Loaded, trace: Tracer, parts: Sequence[FittedPart]) -> list[ViewPictures]:
     """Each photograph's thumbnail beside the fitted materials' picture of the same pixels."""
 
+    def shown(part: FittedPart, surface: GBuffer) -> torch.Tensor:
+        samples = min(part.setting.fidelity.samples, SHOWN_SAMPLES)
+        radiance = part.setting.radiance(part.choice.fit.material, surface, samples)
+        return radiance if part.polish is None else radiance + part.polish.picture(surface)
+
     def shade(surface: GBuffer) -> torch.Tensor:
-        radiance = torch.zeros(len(surface.hit), 3, dtype=torch.float64)
-        for part in parts:
-            own = surface.material[:, 0] == part.index
-            if own.any():
-                samples = min(part.setting.fidelity.samples, SHOWN_SAMPLES)
-                radiance[own] = part.setting.radiance(part.choice.fit.material, surface[own], samples)
-                if part.polish is not None:
-                    radiance[own] += part.polish.picture(surface[own])
-        return radiance
+        return painted(parts, surface, shown)
 
     views = []
     for seen in loaded.photographs.thumbnails:
         footprint = min(parts[0].setting.fidelity.footprint, SHOWN_FOOTPRINT)
         picture = draw(trace, seen.camera, seen.mask, seen.step, footprint, shade)
         exposure = 1.0 if seen.exposure == "fit" else seen.exposure
-        shown = [(radiance * exposure).numpy() for radiance in (seen.radiance, picture.radiance)]
-        views.append(ViewPictures(seen.name, shown[0], shown[1], picture.mask.numpy()))
+        photograph, fit = ((radiance * exposure).numpy() for radiance in (seen.radiance, picture.radiance))
+        views.append(ViewPictures(seen.name, photograph, fit, picture.mask.numpy()))
     return views
 
 
-def _result(loaded: Loaded, parts: Sequence[FittedPart], views: Sequence[ViewPictures], clock: _Clock) -> Result:
+def _result(loaded: Loaded, planned: PlannedFit, views: Sequence[ViewPictures], clock: _Clock) -> Result:
+    parts = planned.parts
     setting, materials = parts[0].setting, tuple(part.material for part in parts)
     fidelity = setting.fidelity
     exposure = [1.0 if p.exposure == "fit" else p.exposure for p in loaded.photographs.thumbnails]
     types = {material.type for material in materials}
-    self_seeing = sum(part.observed.self_seeing for part in parts) / len(parts)
     polish = any(part.polish is not None for part in parts)
     return Result(
         status=status_of([part.choice for part in parts], materials),
-        message=_message(loaded, parts, fidelity),
+        message=_message(loaded, planned, fidelity),
         materials=materials,
         quality=quality.assess(views),
         exposure=tuple(exposure),
@@ -226,7 +226,7 @@ def _result(loaded: Loaded, parts: Sequence[FittedPart], views: Sequence[ViewPic
             levels=max(part.setting.fidelity.levels for part in parts),
             environment_size=setting.environment.radiance.shape[1],
         ),
-        effects=effects_of(fidelity, types, len(setting.sources), self_seeing, polish),
+        effects=tuple(Effect(name=each.name, on=each.on, why=each.why) for each in planned.plan.decisions),
         time=clock.now(),
         inputs=loaded.inputs,
         tolerance=tuple(part.tolerance for part in parts if part.tolerance is not None) or None,

@@ -15,6 +15,7 @@ from torch import Tensor
 from fitter.reflectances import MaterialReflectance, exact_reflectance, viewer_reflectance
 from renderer import irradiance, transport
 from renderer.gbuffer import GBuffer
+from renderer.occlusion import Occluder
 from renderer.transport import LightTable
 from shaders import lobe, plastic
 from shaders.materials import Glossy, Material, Matte, Metal
@@ -99,11 +100,14 @@ class DirectLight:
     irradiance: Float[Tensor, "3"]
 
     @staticmethod
-    def of(surface: GBuffer, source: DirectionalLight) -> DirectLight:
+    def of(surface: GBuffer, source: DirectionalLight, occluder: Occluder | None = None) -> DirectLight:
+        """The light on a surface; none of it where something stands before it."""
         towards = source.towards.to(surface.normal)
         half = torch.nn.functional.normalize(surface.view + towards, dim=-1)
         cosines = ((surface.normal * towards).sum(-1), (surface.normal * half).sum(-1), (surface.view * half).sum(-1))
         cos_l, cos_h, cos_d = (cosine.clamp(0, 1) for cosine in cosines)
+        if occluder is not None:
+            cos_l = cos_l * occluder.free(occluder.origins(surface), towards)
         return DirectLight(surface.n_dot_v, cos_l, cos_h.clamp_min(1e-6), cos_d, math.pi * source.radiance.double())
 
     def reflected(
@@ -130,6 +134,7 @@ class ExactPixels(PixelModel):
         sources: directional lights.
         distribution: of the microfacets.
         reflectance: of each facet.
+        highlights: whether the facets mirror the directional lights.
     """
 
     table: LightTable | None
@@ -138,6 +143,12 @@ class ExactPixels(PixelModel):
     sources: tuple[DirectLight, ...]
     distribution: lobe.Distribution
     reflectance: MaterialReflectance = exact_reflectance
+    highlights: bool = True
+
+    @property
+    def mirrored(self) -> tuple[DirectLight, ...]:
+        """The directional lights that the facets mirror."""
+        return self.sources if self.highlights else ()
 
     def under(self, table: LightTable | None) -> ExactPixels:
         return replace(self, table=table, light=None if table is None else table.mean(torch.float64))
@@ -151,7 +162,7 @@ class ExactPixels(PixelModel):
 
     def mixing(self, material: Material) -> Float[Tensor, "a b 3"] | None:
         """Level weights times Fresnel coefficients, for a metal that no directional light falls on."""
-        if not isinstance(material, Metal) or self.sources or self.light is None or self.table is None:
+        if not isinstance(material, Metal) or self.mirrored or self.light is None or self.table is None:
             return None
         coefficients = self._coefficients(functools.partial(self.reflectance, material), material.roughness)
         return self.table.level_weights(material.roughness)[:, None, None] * coefficients
@@ -176,7 +187,7 @@ class ExactPixels(PixelModel):
         assert self.light is not None
         weights = self.table.level_weights(alpha)
         found = transport.radiance(self.light, weights, self._coefficients(reflectance, alpha))
-        for source in self.sources:
+        for source in self.mirrored:
             found = found + source.reflected(reflectance, alpha, self.distribution)
         return found
 
@@ -243,6 +254,8 @@ def exact_pixels(
     sources: Sequence[DirectionalLight],
     distribution: lobe.Distribution,
     reflectance: MaterialReflectance,
+    occluder: Occluder | None = None,
+    highlights: bool = True,
 ) -> ExactPixels:
     """The dearer model of pixels, without a table so far.
 
@@ -252,12 +265,15 @@ def exact_pixels(
         sources: directional lights.
         distribution: of the microfacets.
         reflectance: of each facet.
+        occluder: what may stand before the sources; None where nothing does.
+        highlights: whether the facets mirror the sources.
     """
-    direct = tuple(DirectLight.of(surface, source) for source in sources)
+    direct = tuple(DirectLight.of(surface, source, occluder) for source in sources)
     if diffuse is None:
-        return ExactPixels(None, None, None, direct, distribution, reflectance)
+        return ExactPixels(None, None, None, direct, distribution, reflectance, highlights)
     view = irradiance.cosine_basis(surface.n_dot_v, diffuse.shape[1]).mean(1)
-    return ExactPixels(None, None, Body(diffuse.double(), view), direct, distribution, reflectance)
+    body = Body(diffuse.double(), view)
+    return ExactPixels(None, None, body, direct, distribution, reflectance, highlights)
 
 
 def viewer_pixels(

@@ -47,7 +47,12 @@ class Row:
 
 
 def render_report(
-    result: Result, views: Sequence[ViewPictures], curves: Sequence[Curve | None], *, command: str = ""
+    result: Result,
+    views: Sequence[ViewPictures],
+    curves: Sequence[Curve | None],
+    effects: Sequence[ViewPictures] = (),
+    *,
+    command: str = "",
 ) -> str:
     """The report as one HTML page: pictures, curves and style inside, nothing loaded from elsewhere.
 
@@ -55,6 +60,7 @@ def render_report(
         result: what was found; everything shown but the pictures comes from it.
         views: the pictures of each photograph, in the result's order, with its names.
         curves: the reflectance curve of each material, in the result's order; None for one that mirrors nothing.
+        effects: of each effect the picture with it, as `photograph`, and without, as `fit`; named by it.
         command: the command line that made the result, shown as it is; "" shows none.
 
     Returns:
@@ -69,6 +75,7 @@ def render_report(
         result=result,
         headlines=[_headline(material, known) for material in result.materials],
         rows=tiles([replace(view, name=name) for view, name in zip(views, names, strict=True)]),
+        effects=tiles(effects),
         quality=dict(zip(names, result.quality.photographs, strict=False)),
         difference_range=DIFFERENCE_RANGE,
         difference_colors=difference_colors(),

@@ -32,7 +32,7 @@ class Observations:
     Attributes:
         surface: [p, k] rays inside each pixel.
         radiance: what the photographs show there, float64.
-        self_seeing: share of the candidates that mirror the object itself.
+        self_seeing: share of the candidates that were left out because they mirror the object itself.
         edged: whether most pixels have an edge inside, as facets' are.
         available: how many pixels like these there are, by the share that was fit for use of those looked at.
     """
@@ -57,6 +57,7 @@ def choose_pixels(
     seed: int,
     materials: int = 1,
     left_out: Collection[int] = (),
+    kept: Collection[int] = (),
     progress: Callable[[float], None] = lambda share: None,
 ) -> list[Observations | None]:
     """At most `count` pixels of each material, spread evenly over the angles at which the surface is seen.
@@ -75,6 +76,7 @@ def choose_pixels(
         seed: of the choice among many.
         materials: how many the object has.
         left_out: photographs that are not looked at.
+        kept: those of which pixels are taken though they mirror the object.
         progress: told the share of the photographs that is done.
 
     Returns:
@@ -95,7 +97,10 @@ def choose_pixels(
             progress(i / len(photographs))
             place = (scene_file, f"photographs[{i}].camera")
             candidates = _candidates(photograph, trace, place, CANDIDATES * quota * materials, generator)
-            found = [_observe(photograph, trace, candidates, index, quota, along_side) for index in range(materials)]
+            found = [
+                _observe(photograph, trace, candidates, index, quota, along_side, index in kept)
+                for index in range(materials)
+            ]
             if not any(found):
                 raise InputError(*place, value="", expected="a pixel that the object covers wholly; come nearer")
             for part, each in zip(parts, found, strict=True):
@@ -163,13 +168,19 @@ def _drawn(count: int, most: int, generator: torch.Generator) -> Int[Tensor, " c
 
 
 def _observe(
-    photograph: Photograph, trace: Tracer, candidates: _Candidates, material: int, quota: int, footprint: int
+    photograph: Photograph,
+    trace: Tracer,
+    candidates: _Candidates,
+    material: int,
+    quota: int,
+    footprint: int,
+    kept: bool,
 ) -> Observations | None:
-    """The pixels of one material in one photograph, if it has any."""
+    """The pixels of one material in one photograph, if it has any; those that mirror the object only if `kept`."""
     own = candidates.of(material)
     if not len(own.pixels):
         return None
-    mirrors_itself = sees_itself(trace, own.centres)
+    mirrors_itself = torch.zeros_like(own.centres.hit) if kept else sees_itself(trace, own.centres)
     usable = _freest(trace, own.centres, mirrors_itself, min(quota, len(own.pixels)) // FEWEST)
     pixels, n_dot_v = own.pixels[usable], own.centres.n_dot_v[usable]
     pixels = pixels[_evenly_by_angle(n_dot_v, quota + quota // 8)]  # some will not be whole

@@ -6,7 +6,6 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
 
-import torch
 from jaxtyping import Float
 from torch import Tensor
 
@@ -16,14 +15,20 @@ from fitter.reflectances import REFLECTANCES
 from renderer import cubemap, transport
 from renderer.cubemap import Cubemap
 from renderer.environment import Environment
+from renderer.footprint import middle
 from renderer.gbuffer import GBuffer
 from renderer.irradiance import diffuse_table
+from renderer.mirror import mirror_table
+from renderer.occlusion import Occluder
 from renderer.surroundings import Surroundings, surroundings
 from renderer.transport import LightTable
+from shaders.effects import NAMES
 from shaders.materials import Material
 from shaders.shade import DirectionalLight
 
 DIFFUSE_FACE_SIZE = 24  # texels of 3.75°: a cosine is interpolated to 5e-4
+MOST_DIFFUSE = 2 * 6 * DIFFUSE_FACE_SIZE**2  # pixels: of more, diffuse light is looked up by their normals
+MOST_OCCLUDED = 2000  # pixels of a picture for which rays look in all directions; of more, in a few
 
 
 @dataclass(frozen=True)
@@ -35,20 +40,39 @@ class Setting:
         sources: directional lights.
         fidelity: how accurately.
         seed: of the integration.
+        effects: the names of those that are simulated, of `shaders.effects`.
+        occluder: the object, where it may stand before its own light.
     """
 
     environment: Environment
     sources: tuple[DirectionalLight, ...]
     fidelity: Fidelity
     seed: int = 0
+    effects: frozenset[str] = NAMES
+    occluder: Occluder | None = None
 
-    def pixels(self, surface: GBuffer, body: bool) -> PixelModel:
-        """The model of pixels [p, k], without a table so far; diffuse light is integrated where there is a body."""
+    def simulating(self, effects: frozenset[str]) -> Setting:
+        """The same light with these effects, and no others."""
+        fidelity = self.fidelity
+        if fidelity.reflectance == "conductor" and "exact-fresnel" not in effects:
+            fidelity = replace(fidelity, reflectance="lazanyi")
+        return replace(self, effects=effects, fidelity=fidelity)
+
+    def pixels(self, surface: GBuffer, body: bool, shown: bool = False) -> PixelModel:
+        """The model of pixels [p, k], without a table so far.
+
+        Args:
+            surface: rays inside each.
+            body: whether diffuse light is integrated.
+            shown: whether it is for pictures to look at, whose ambient occlusion may be known to a few per cent.
+        """
         reflectance = REFLECTANCES[self.fidelity.reflectance]
+        surface = self._rays(surface)
         if self.fidelity.blurs:
             return viewer_pixels(surface, self.viewers.ambient, self.sources, reflectance)
-        diffuse = self._diffuse(surface) if body else None
-        return exact_pixels(surface, diffuse, self.sources, self.fidelity.distribution, reflectance)
+        diffuse = self._diffuse(surface, shown) if body else None
+        lights = (self._before("self-visibility"), "light-reflection" in self.effects)
+        return exact_pixels(surface, diffuse, self.sources, self.fidelity.distribution, reflectance, *lights)
 
     def table(
         self,
@@ -58,10 +82,13 @@ class Setting:
         progress: Callable[[float], None] = lambda share: None,
     ) -> LightTable:
         """Light through the fidelity's lobe; `levels` are the ends of its roughness and their number."""
+        surface = self._rays(surface)
         if self.fidelity.lobe == "taps":
             return transport.tap_table(central(surface), self.viewers.cubemap, levels)
         if self.fidelity.lobe == "gaussian":
             return transport.gaussian_table(central(surface), self._near, levels, samples, self.seed)
+        if "blur" not in self.effects:
+            return mirror_table(surface, self._near, levels[0], self.fidelity.degree, self.seed)
         return transport.microfacet_table(
             surface,
             self.environment,
@@ -71,16 +98,25 @@ class Setting:
             samples=samples,
             seed=self.seed,
             progress=progress,
+            occluder=self._before("self-visibility"),
         )
 
     def radiance(self, material: Material, surface: GBuffer, samples: int) -> Float[Tensor, "p 3"]:
-        """The picture of one material, float64, by a table that holds its roughness alone."""
-        model = self.pixels(surface, body=material.type != "metal")
-        if material.type != "matte":
-            roughness = float(material.roughness)
-            span = (roughness * 0.999, roughness * 1.001, 1)  # the one level lies in their middle
-            model = model.under(self.table(surface, span, samples))
-        return model.radiance(material)
+        """The picture of one material, float64."""
+        return self.model(material, surface, samples).radiance(material)
+
+    def model(self, material: Material, surface: GBuffer, samples: int) -> PixelModel:
+        """The model of pixels by a table that holds the roughness of one material alone."""
+        bare = self.pixels(surface, body=material.type != "metal", shown=True)
+        return bare.under(self.table_of(material, surface, samples))
+
+    def table_of(self, material: Material, surface: GBuffer, samples: int) -> LightTable | None:
+        """The light through the lobe of one material alone; None of one that mirrors nothing."""
+        if material.type == "matte":
+            return None
+        roughness = float(material.roughness)
+        span = (roughness * 0.999, roughness * 1.001, 1)  # the one level lies in their middle
+        return self.table(surface, span, samples)
 
     @cached_property
     def viewers(self) -> Surroundings:
@@ -92,11 +128,23 @@ class Setting:
         """The environment on the CPU: 49 taps are not worth the way."""
         return replace(self.environment, radiance=self.environment.radiance.cpu())
 
-    def _diffuse(self, surface: GBuffer) -> Float[Tensor, "p b 3"]:
-        normal = torch.nn.functional.normalize(surface.normal.mean(1), dim=-1)
-        if len(normal) <= 2 * 6 * DIFFUSE_FACE_SIZE**2:
-            return diffuse_table(normal, self._near, DIFFUSE_DEGREE)
-        return cubemap.lookup(self._diffuse_by_normal, normal).reshape(len(normal), DIFFUSE_DEGREE, 3)
+    def _rays(self, surface: GBuffer) -> GBuffer:
+        """The rays of each pixel that are followed."""
+        return surface if "pixel-footprint" in self.effects else middle(surface)
+
+    def _before(self, effect: str) -> Occluder | None:
+        """What stands before the light, where that is simulated."""
+        return self.occluder if effect in self.effects else None
+
+    def _diffuse(self, surface: GBuffer, shown: bool) -> Float[Tensor, "p b 3"]:
+        surface, occluder = middle(surface)[:, 0], self._before("ambient-occlusion")
+        if occluder is None and len(surface.hit) <= MOST_DIFFUSE:
+            return diffuse_table(surface.normal, self._near, DIFFUSE_DEGREE)
+        if occluder is not None and (not shown or len(surface.hit) <= MOST_OCCLUDED):
+            before = occluder, occluder.origins(surface)
+            return diffuse_table(surface.normal, self._near, DIFFUSE_DEGREE, before)
+        found = cubemap.lookup(self._diffuse_by_normal, surface.normal).reshape(-1, DIFFUSE_DEGREE, 3)
+        return found if occluder is None else found * occluder.openness(surface)[:, None, None].to(found)
 
     @cached_property
     def _diffuse_by_normal(self) -> Cubemap:

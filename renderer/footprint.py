@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import torch
 from jaxtyping import Bool, Float, Int
@@ -47,6 +47,18 @@ class Rays:
         return Rays(self.normal.to(device), self.view.to(device))
 
 
+def middle(surface: GBuffer) -> GBuffer:
+    """One ray for each pixel of [p, k] in place of its k, [p, 1]: mean normal and view, where the nearest ray meets.
+
+    The mean of places would lie below a curved surface.
+    """
+    normal, view = (
+        torch.nn.functional.normalize(each.mean(1, keepdim=True), dim=-1) for each in (surface.normal, surface.view)
+    )
+    nearest = (surface.view * view).sum(-1).argmax(1)
+    return replace(surface[torch.arange(len(nearest)), nearest][:, None], normal=normal, view=view)
+
+
 def strata_of(surface: GBuffer, alpha: float, samples: int) -> Int[Tensor, " p"]:
     """How many strata along its side each pixel needs, of `STRATA`.
 
@@ -86,6 +98,17 @@ def places(numbers: Int[Tensor, " p"], strata: int, seed: int) -> Float[Tensor, 
     jitter = torch.rand(2 * strata**2, 2, generator=generator)
     shift = torch.rand(1 + int(numbers.max()), 2, generator=generator)[numbers]
     return (cell.repeat(2, 1) + (jitter + shift[:, None]) % 1) / strata
+
+
+def spread_places(positions: Float[Tensor, "p k 3"], place: Float[Tensor, "p r 2"]) -> Float[Tensor, "p r 3"]:
+    """Where the rays of `filled` meet the surface: where those traced next to them do, float64."""
+    pixels, count = positions.shape[:2]
+    if count < FEW:
+        return positions
+    side = math.isqrt(count)
+    nodes = torch.tensor(equal_weight_nodes(side), dtype=torch.float64)
+    row, column = _next_to(nodes, place)
+    return positions.reshape(pixels, side, side, 3)[torch.arange(pixels)[:, None], row, column]
 
 
 def filled(surface: GBuffer, place: Float[Tensor, "p r 2"]) -> Rays:
@@ -131,8 +154,13 @@ def _nearest(
     nodes: Float[Tensor, " s"], traced: Float[Tensor, "p s s c"], place: Float[Tensor, "p r 2"]
 ) -> Float[Tensor, "p r c"]:
     """What was traced next to each place; float32."""
-    row, column = (place.double()[..., None] - nodes).abs().argmin(-1).unbind(-1)
+    row, column = _next_to(nodes, place)
     return traced[torch.arange(len(traced))[:, None], row, column].float()
+
+
+def _next_to(nodes: Float[Tensor, " s"], place: Float[Tensor, "p r 2"]) -> tuple[Tensor, ...]:
+    """Row and column of the traced ray next to each place, [p, r]."""
+    return (place.double()[..., None] - nodes).abs().argmin(-1).unbind(-1)
 
 
 def is_smooth(normal: Float[Tensor, "p s s 3"]) -> Bool[Tensor, " p"]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -18,10 +18,14 @@ from renderer import lamp_blocks
 from renderer.fused_blocks import Asked
 from renderer.fused_light import FusedLight, Looked
 from renderer.fused_lobe import View, reflected, sample_visible_normals, visible_normal_density
+from renderer.fused_occlusion import Blocked
 from renderer.fused_random import Draws
 from renderer.fused_table import PackedRays
 from renderer.lamp_blocks import EVEN
 from shaders.lobe import Distribution
+
+Free = Callable[[Array3f], Any]
+"""Whether light from a direction arrives."""
 
 EVENLY = 0.5  # share of the directions that ask for the light alone, where they serve roughnesses far apart
 
@@ -53,7 +57,7 @@ class Directions:
     """Directions to the light: half vector, cosines of light and half vector against normal and view, and the light.
 
     `density` is that with which the light draws such directions, as the pixel asks its blocks; `oversampling` the one
-    really drawn over it, 1 for directions that the lobe drew.
+    really drawn over it, 1 for directions that the lobe drew; `free` whether nothing stands before the light.
     """
 
     h: Array3f
@@ -62,6 +66,7 @@ class Directions:
     looked: Looked
     density: Any
     oversampling: Any
+    free: Any = True
 
 
 @dataclass(frozen=True)
@@ -86,12 +91,14 @@ def moments(
     degree: int,
     samples: int,
     seed: int,
+    blocked: Blocked | None = None,
 ) -> Floats[Tensor, "2 a p b 3"]:
     """Means of T_b(2 cos_d - 1) · light over each half of the samples, of all roughnesses of the groups.
 
     Args:
         rays: of the pixels.
         numbers: theirs; a pixel's random numbers follow from its number and the seed alone.
+        blocked: what stands before the light; None compiles a kernel without a ray.
     """
     pixels, count = rays.frames.shape[:2]
     packed, per_pixel = Float(rays.frames.flatten().numpy()), dr.opaque(UInt32, count)
@@ -104,11 +111,12 @@ def moments(
     def body(i: Any, sums: list[Any]) -> tuple[Any, list[Any]]:
         u1, u2, ray = draws.lobe(i)
         frame = Frame.fetch(packed, (thread >> 1) * per_pixel + ray)
-        from_light = _from_light(light, asked, thread >> 1, frame, *draws.light(i))
+        free = _unhindered if blocked is None else blocked.before((thread >> 1) * per_pixel + ray)
+        from_light = _from_light(light, asked, thread >> 1, frame, free, *draws.light(i))
         polar = dr.sqrt(u1), *dr.sincos(2 * math.pi * u2)
         terms = []
         for group in lobes:
-            from_lobe = _from_lobe(light, asked, thread >> 1, frame, group, polar)
+            from_lobe = _from_lobe(light, asked, thread >> 1, frame, free, group, polar)
             terms += _terms(from_lobe, from_light, frame.view, group, distribution, degree)
         return i + 1, [total + term for total, term in zip(sums, terms, strict=True)]
 
@@ -122,18 +130,30 @@ def moments(
     return table.reshape(levels, degree, 3, pixels, 2).permute(4, 0, 3, 1, 2)
 
 
+def _unhindered(towards: Array3f) -> bool:
+    return True
+
+
 def _from_lobe(
-    light: FusedLight, asked: Asked, pixel: Any, frame: Frame, group: Group, polar: tuple[Any, Any, Any]
+    light: FusedLight, asked: Asked, pixel: Any, frame: Frame, free: Free, group: Group, polar: tuple[Any, Any, Any]
 ) -> Directions:
     h = sample_visible_normals(frame.view, group.drawn_at, *polar)
     cos_d = dr.clip(frame.view.sin * h.x + frame.view.cos * h.z, 0, 1)
     local = 2 * cos_d * h - Array3f(frame.view.sin, 0, frame.view.cos)
-    looked = light.at(*frame.to_world(local))
-    return Directions(h, local.z, cos_d, looked, looked.density * asked.preferred(pixel, looked.block), 1)
+    towards = frame.to_world(local)
+    looked = light.at(*towards)
+    density = looked.density * asked.preferred(pixel, looked.block)
+    return Directions(h, local.z, cos_d, looked, density, 1, free(towards))
 
 
 def _from_light(
-    light: FusedLight, asked: Asked, pixel: Any, frame: Frame, number: Any, low_bits: tuple[Any, Any]
+    light: FusedLight,
+    asked: Asked,
+    pixel: Any,
+    frame: Frame,
+    free: Free,
+    number: Any,
+    low_bits: tuple[Any, Any],
 ) -> Directions:
     block, share = asked.choose(pixel, number, low_bits[1])
     towards, looked, drawn = light.draw(share, block, low_bits)
@@ -142,7 +162,7 @@ def _from_light(
     h *= dr.rsqrt(dr.maximum(dr.squared_norm(h), 1e-12))
     cos_d = dr.clip(frame.view.sin * h.x + frame.view.cos * h.z, 0, 1)
     density = looked.density * asked.preferred(pixel, block)
-    return Directions(h, local.z, cos_d, looked, density, drawn / looked.density)
+    return Directions(h, local.z, cos_d, looked, density, drawn / looked.density, free(Array3f(*towards)))
 
 
 def _terms(
@@ -168,7 +188,7 @@ def _weighted(view: View, drawn: Directions, group: Group, distribution: Distrib
     """The light of a direction in each lobe, by roughness and channel; see `renderer.transport` for the density."""
     density = visible_normal_density(view, drawn.h, group.drawn_at) + drawn.density
     weight = dr.rcp(density * drawn.oversampling)
-    above = drawn.cos_l > 0
+    above = (drawn.cos_l > 0) & drawn.free
     found = []
     for alpha in group.alphas:
         share = dr.select(above, reflected(view, drawn.cos_l, drawn.h, alpha, distribution) * weight, 0)

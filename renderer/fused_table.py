@@ -16,10 +16,11 @@ from jaxtyping import Float, Int
 from torch import Tensor
 
 from renderer.environment import Environment
-from renderer.footprint import Rays, filled, places, rays_of
+from renderer.footprint import Rays, filled, places, rays_of, spread_places
 from renderer.gbuffer import GBuffer
 from renderer.lamps import along_z_order
 from renderer.lobe_sampling import frames as frames_of
+from renderer.occlusion import Occluder
 from renderer.threads import one_ahead
 from shaders import lobe
 
@@ -52,6 +53,7 @@ def integrate_fused(
     samples: int,
     seed: int,
     progress: Progress = lambda share: None,
+    occluder: Occluder | None = None,
 ) -> Float[Tensor, "2 a p b 3"]:
     """Light through a GGX or Beckmann lobe, at roughnesses in groups that share directions.
 
@@ -66,12 +68,14 @@ def integrate_fused(
         samples: directions per pixel and level, a multiple of 4.
         seed: of the shifts; the same seed gives the same table.
         progress: told the share that is done, in (0, 1].
+        occluder: what may stand before the light, one that Dr.Jit can ask; without it no kernel casts a ray.
 
     Returns:
         two halves of the samples, roughness level, pixel, Chebyshev degree, channel; float32, on the CPU.
     """
     from renderer.fused_kernel import moments
     from renderer.fused_light import fused_light
+    from renderer.fused_occlusion import Blocked
 
     light, order, levels = fused_light(environment), _by_mirrored_view(surface), sum(map(len, groups))
     pixels, rays = len(surface.hit), rays_of(surface, strata)
@@ -84,8 +88,12 @@ def integrate_fused(
         return packed(filled(own, places(numbers[chosen], strata, seed)))
 
     for done, (chosen, there) in enumerate(zip(parts, one_ahead(prepared, parts), strict=True), 1):
+        blocked = None
+        if occluder is not None:
+            starts = occluder.origins(surface[chosen])
+            blocked = Blocked.of(occluder, spread_places(starts, places(numbers[chosen], strata, seed)))
         made = [
-            moments(light, there, numbers[chosen], each, distribution, degree, samples, seed)
+            moments(light, there, numbers[chosen], each, distribution, degree, samples, seed, blocked)
             for each in _batches(groups)
         ]
         table[:, :, chosen] = torch.cat(made, 1)

@@ -8,6 +8,7 @@ The D_b are integrated once; whatever material is asked for afterwards only has 
 
 from __future__ import annotations
 
+import functools
 import math
 from collections.abc import Callable, Iterator
 
@@ -17,18 +18,23 @@ from torch import Tensor
 
 from renderer import chebyshev, latlong
 from renderer.environment import Environment, directions
+from renderer.occlusion import Occluder
 from renderer.studio import texel_solid_angles
 from renderer.threads import map_in_threads
 
 DEGREE = 10  # leaves 1.5e-4 of the light that a rough interface lets in, 1e-3 where all of it comes from one lamp
 
 _BLOCKS = 6144
+_BLOCKS_ASKED = 3072  # where a ray is cast to each, which takes longer than all else
 _COARSEST, _FINEST = 32, 512  # rows of blocks, in the dark and where a lamp is
 _CHUNK = 64  # normals at a time: 1.5 MiB of cosines stay in the cache
 
 
 def diffuse_table(
-    normals: Float[Tensor, "p 3"], environment: Environment, degree: int = DEGREE
+    normals: Float[Tensor, "p 3"],
+    environment: Environment,
+    degree: int = DEGREE,
+    before: tuple[Occluder, Float[Tensor, "p 3"]] | None = None,
 ) -> Float[Tensor, "p b 3"]:
     """D_b(n) = ∫ L(l) T_b(2√(n·l) - 1) max(0, n·l)/π dl, a sum over blocks of the map, without noise.
 
@@ -39,14 +45,21 @@ def diffuse_table(
         normals: unit, in world space.
         environment: the light.
         degree: number of polynomials; 1 gives the irradiance over π alone.
+        before: what hides light from each place, and where its rays start; None where nothing does. With it the sum
+            is over fewer blocks.
 
     Returns:
         D_b, radiance, float32, on the CPU; D_0 is what a white Lambertian surface sends out.
     """
-    towards, light = (value.float() for value in blocks(environment))
+    towards, light = (value.float() for value in blocks(environment, _BLOCKS if before is None else _BLOCKS_ASKED))
 
     def integrate(start: int) -> Float[Tensor, "c b 3"]:
-        cos = (normals[start : start + _CHUNK].to(towards) @ towards.T).clamp_min_(0)
+        part = slice(start, start + _CHUNK)
+        cos = (normals[part].to(towards) @ towards.T).clamp_min_(0)
+        if before is not None:
+            occluder, origins = before
+            place, block = cos.nonzero().T
+            cos[place, block] *= occluder.free(origins[part][place], towards[block])
         return torch.stack([kernel @ light for kernel in _kernels(cos, degree)], 1)
 
     return torch.cat(list(map_in_threads(integrate, range(0, len(normals), _CHUNK)))) / math.pi
@@ -70,17 +83,24 @@ def coefficients(
     return chebyshev.coefficients(transmittance(cos[:, None]))
 
 
-def blocks(environment: Environment) -> tuple[Float[Tensor, "t 3"], Float[Tensor, "t 3"]]:
-    """The environment as a few thousand lamps.
+def blocks(environment: Environment, most: int = _BLOCKS) -> tuple[Float[Tensor, "t 3"], Float[Tensor, "t 3"]]:
+    """The environment as a few thousand lamps, `most` at most; the last ones are kept, for a plan asks for them often.
 
     Returns:
         unit direction towards each block's centre of light, in world space, and its radiance times solid angle;
         float64, on the CPU. Black blocks are left out.
     """
+    return _blocks(environment, environment.radiance._version, most)
+
+
+@functools.lru_cache(maxsize=2)
+def _blocks(environment: Environment, _version: int, most: int) -> tuple[Float[Tensor, "t 3"], Float[Tensor, "t 3"]]:
+    """The lamps of an environment that is told by its tensor, and a tensor by how often it was changed."""
     levels = [_moments(_refined(environment))]
     while levels[-1].shape[-2] > _COARSEST:
         levels.append(4 * torch.nn.functional.avg_pool2d(levels[-1], 2))
-    light, moment = torch.cat([level[:, leaf] for level, leaf in zip(levels, _leaves(levels), strict=True)], 1).split(3)
+    leaves = zip(levels, _leaves(levels, most), strict=True)
+    light, moment = torch.cat([level[:, leaf] for level, leaf in leaves], 1).split(3)
     lit = light.sum(0) > 0
     towards = torch.nn.functional.normalize(moment[:, lit].T, dim=1)
     return _turned(towards, environment.rotation), light[:, lit].T
@@ -98,12 +118,12 @@ def _moments(radiance: Float[Tensor, "h w 3"]) -> Float[Tensor, "6 n m"]:
     )
 
 
-def _leaves(levels: list[Float[Tensor, "6 n m"]]) -> list[Bool[Tensor, "n m"]]:
+def _leaves(levels: list[Float[Tensor, "6 n m"]], most: int) -> list[Bool[Tensor, "n m"]]:
     """Which cells of each level, finest first, are not divided further: those with the least light times variance."""
     worth = [_variance(levels[-1])]  # of dividing a cell and, before it, all that it lies in
     for level in levels[-2:0:-1]:
         worth.insert(0, torch.minimum(_variance(level), _divided(worth[0])))
-    divisions = (_BLOCKS - worth[-1].numel()) // 3
+    divisions = (most - worth[-1].numel()) // 3
     threshold = torch.cat([level.flatten() for level in worth]).topk(divisions).values[-1]
     divided = [torch.zeros_like(levels[0][0], dtype=torch.bool), *(level >= threshold for level in worth)]
     exists = [*(_divided(above) for above in divided[1:]), torch.ones_like(divided[-1])]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import torch
@@ -14,6 +15,9 @@ from renderer.footprint import FEW, Rays
 from renderer.lamps import LampSampler
 from renderer.latlong import LatLong
 from shaders import lobe
+
+Free = Callable[[tuple[Tensor, ...]], Float[Tensor, "p s"]]
+"""Of unit world directions, x, y, z: 1 where the light from there arrives, 0 where something stands before it."""
 
 _STRAIGHT = 1e-9  # sine of a view straight down the normal, for which any tangent will do
 
@@ -124,6 +128,7 @@ def draw_lobe(
     asked: Float[Tensor, "p k"],
     u1: Float[Tensor, "p s"],
     u2: Float[Tensor, "p s"],
+    free: Free | None = None,
 ) -> Directions:
     """Directions that the lobe of this α draws; `asked` are the chances of `lamp_blocks`."""
     hx, hy, hz = lobe.sample_visible_normals(frame.cos_v, alpha, u1, u2)
@@ -132,12 +137,17 @@ def draw_lobe(
     world = frame.to_world(2 * cos_d * hx - frame.sin_v, 2 * cos_d * hy, cos_l)
     found = latlong.lookup(sampler.light, *world)
     block = sampler.lamps.blocks.at(*lamps.texels(sampler.lamps, *world))
-    sin2_h = hx**2 + hy**2
-    return Directions(cos_l, hz, sin2_h, cos_d, found[..., :3], found[..., 3] * _preferred(sampler, asked, block), None)
+    radiance = found[..., :3] if free is None else found[..., :3] * free(world)[..., None]
+    density = found[..., 3] * _preferred(sampler, asked, block)
+    return Directions(cos_l, hz, hx**2 + hy**2, cos_d, radiance, density, None)
 
 
 def draw_lamps(
-    sampler: LightSampler, frame: Frames, asked: Float[Tensor, "p k"], generator: torch.Generator
+    sampler: LightSampler,
+    frame: Frames,
+    asked: Float[Tensor, "p k"],
+    generator: torch.Generator,
+    free: Free | None = None,
 ) -> Directions:
     """Directions that the light draws, each half of them from strata of its own."""
     pixels, samples = frame.cos_v.shape
@@ -154,8 +164,9 @@ def draw_lamps(
     cos_h = (hz * scale).clamp(1e-6, 1)  # below the horizon nothing is counted; the bound keeps tan θ finite
     cos_d = ((frame.sin_v * hx + frame.cos_v * hz) * scale).clamp(0, 1)
     sin2_h, told = (hx**2 + hy**2) * scale**2, found[..., 3]
+    radiance = found[..., :3] if free is None else found[..., :3] * free((x, y, z))[..., None]
     preferred = told * _preferred(sampler, asked, block)
-    return Directions(lz, cos_h, sin2_h, cos_d, found[..., :3], preferred, density / told)
+    return Directions(lz, cos_h, sin2_h, cos_d, radiance, preferred, density / told)
 
 
 def asked_blocks(sampler: LightSampler, rays: Rays, alpha: float) -> Float[Tensor, "p k"]:

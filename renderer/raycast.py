@@ -11,12 +11,12 @@ from torch import Tensor
 
 from renderer import to_mitsuba
 from renderer.errors import InputError
-from renderer.mesh import Mesh
+from renderer.mesh import Shape
 
 Caster = Callable[[Float[Tensor, "p 3"], Float[Tensor, "p 3"]], Int[np.ndarray, " p"]]
 
 
-def caster(mesh: Mesh) -> Caster:
+def caster(shape: Shape) -> Caster:
     """A function from rays (origins, unit directions) to the index of the face that each meets first, -1 for none.
 
     All rays at once through LLVM where its library is found, else one by one, which takes thirty times as long.
@@ -26,16 +26,16 @@ def caster(mesh: Mesh) -> Caster:
 
     before = mi.variant()
     try:
-        return _vectorised(mesh, to_mitsuba.mitsuba("llvm_ad_rgb"))
+        return _vectorised(shape, to_mitsuba.mitsuba("llvm_ad_rgb"))
     except InputError:  # no LLVM here
-        return _one_by_one(mesh, to_mitsuba.mitsuba("scalar_rgb"))
+        return _one_by_one(shape, to_mitsuba.mitsuba("scalar_rgb"))
     finally:
         if before is not None:
             mi.set_variant(before)
 
 
-def _vectorised(mesh: Mesh, mi: Any) -> Caster:
-    scene = _scene(mesh, mi)
+def _vectorised(shape: Shape, mi: Any) -> Caster:
+    scene = _scene(shape, mi)
     ray_type, point, vector = mi.Ray3f, mi.Point3f, mi.Vector3f  # of this variant, whatever is current later
 
     def cast(origins: Float[Tensor, "p 3"], directions: Float[Tensor, "p 3"]) -> Int[np.ndarray, " p"]:
@@ -48,8 +48,8 @@ def _vectorised(mesh: Mesh, mi: Any) -> Caster:
     return cast
 
 
-def _one_by_one(mesh: Mesh, mi: Any) -> Caster:
-    scene, ray_type = _scene(mesh, mi), mi.Ray3f
+def _one_by_one(shape: Shape, mi: Any) -> Caster:
+    scene, ray_type = _scene(shape, mi), mi.Ray3f
 
     def cast(origins: Float[Tensor, "p 3"], directions: Float[Tensor, "p 3"]) -> Int[np.ndarray, " p"]:
         rays = zip(origins.tolist(), directions.tolist(), strict=True)
@@ -59,8 +59,8 @@ def _one_by_one(mesh: Mesh, mi: Any) -> Caster:
     return cast
 
 
-def _scene(mesh: Mesh, mi: Any) -> Any:
-    return mi.load_dict({"type": "scene", "object": to_mitsuba.mitsuba_shape(mesh)})
+def _scene(shape: Shape, mi: Any) -> Any:
+    return mi.load_dict({"type": "scene", "object": to_mitsuba.mitsuba_shape(shape)})
 
 
 def _columns(vectors: Float[Tensor, "p 3"]) -> Float[np.ndarray, "3 p"]:

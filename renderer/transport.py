@@ -22,11 +22,12 @@ from torch import Tensor
 from renderer import chebyshev, cubemap, latlong
 from renderer.cubemap import Cubemap
 from renderer.environment import Environment
-from renderer.footprint import filled, places, rays_of, strata_of
+from renderer.footprint import filled, places, rays_of, spread_places, strata_of
 from renderer.fused_table import fused_available, integrate_fused
 from renderer.gbuffer import GBuffer
 from renderer.latlong import LatLong
 from renderer.lobe_sampling import Directions, Frames, LightSampler, Points, asked_blocks, draw_lamps, draw_lobe, frames
+from renderer.occlusion import Occluder
 from renderer.threads import map_in_threads
 from shaders import lobe
 
@@ -108,6 +109,7 @@ def microfacet_table(
     seed: int,
     progress: Progress = lambda share: None,
     fused: bool | None = None,
+    occluder: Occluder | None = None,
 ) -> LightTable:
     """Light through a GGX or Beckmann lobe with Smith shadowing, from above the horizon.
 
@@ -127,6 +129,7 @@ def microfacet_table(
         progress: told the share that is done, in (0, 1].
         fused: whether one compiled kernel does it, see `renderer.fused_table`; by default where it can, on the CPU
             in float32.
+        occluder: what may stand before the light, which then does not count; None where nothing does.
 
     Returns:
         the table, on the CPU.
@@ -134,6 +137,7 @@ def microfacet_table(
     groups = _neighbours(levels(*alphas, "log"))
     if fused is None:
         fused = _fits_the_kernel(environment.radiance) and fused_available()
+        fused = fused and (occluder is None or occluder.compiled is not None)
     integrate = integrate_fused if fused else _integrate
     table, done = torch.empty(2, alphas[2], len(surface.hit), degree, 3, dtype=environment.radiance.dtype), 0
     needed = strata_of(surface, alphas[0], samples)
@@ -149,6 +153,7 @@ def microfacet_table(
             degree=degree,
             samples=samples,
             seed=seed,
+            occluder=occluder,
             progress=_part_of(progress, done / len(needed), len(chosen) / len(needed)),
         )
         done += len(chosen)
@@ -172,6 +177,7 @@ def _integrate(
     samples: int,
     seed: int,
     progress: Progress,
+    occluder: Occluder | None = None,
 ) -> Float[Tensor, "2 a p b 3"]:
     """The table's light in torch, on the environment's device; for the arguments see `fused_table.integrate_fused`."""
     pixels, device = len(surface.hit), environment.radiance.device
@@ -185,6 +191,10 @@ def _integrate(
         rays = filled(part, places(numbers[start : start + step], strata, seed)).to(device)
         frame = frames(rays, points.ray, points.u1.dtype)
         u1, u2 = points.shifted(len(frame.cos_v), generator)
+        free = None
+        if occluder is not None:
+            place = places(numbers[start : start + step], strata, seed)
+            free = occluder.before(spread_places(occluder.origins(part), place)[:, points.ray.cpu()])
         made = []
         for alphas in groups:
             drawn_at = math.sqrt(alphas[0] * alphas[-1])
@@ -192,8 +202,8 @@ def _integrate(
             from_lobe, from_lamps = (
                 _moments(_shares(frame, drawn, drawn_at, alphas, distribution), drawn, degree)
                 for drawn in (
-                    draw_lobe(sampler, frame, drawn_at, asked, u1, u2),
-                    draw_lamps(sampler, frame, asked, generator),
+                    draw_lobe(sampler, frame, drawn_at, asked, u1, u2, free),
+                    draw_lamps(sampler, frame, asked, generator, free),
                 )
             )
             made.append((from_lobe + from_lamps).cpu())

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import torch
@@ -32,7 +33,7 @@ def sees_itself(trace: Tracer, surface: GBuffer) -> Bool[Tensor, " p"]:
         trace: of the object.
         surface: points on its front, [p].
     """
-    found, surface = torch.zeros(len(surface.hit), dtype=torch.bool), _lifted(surface)
+    found, surface = torch.zeros(len(surface.hit), dtype=torch.bool), lifted(surface)
     shift, rounds = _points(len(found))
     for points in rounds:
         free = ~found
@@ -44,11 +45,11 @@ def sees_itself(trace: Tracer, surface: GBuffer) -> Bool[Tensor, " p"]:
 
 def hidden_share(trace: Tracer, surface: GBuffer) -> Float[Tensor, " p"]:
     """The share of the 64 directions of `sees_itself` that meet the object, in [0, 1]; all are asked."""
-    surface, (shift, rounds) = _lifted(surface), _points(len(surface.hit))
+    surface, (shift, rounds) = lifted(surface), _points(len(surface.hit))
     return torch.cat([_met(trace, surface, shift, points) for points in rounds], 1).double().mean(-1)
 
 
-def _lifted(surface: GBuffer) -> GBuffer:
+def lifted(surface: GBuffer) -> GBuffer:
     """The points moved a little off the surface, so that their rays do not meet their own facet."""
     if not len(surface.hit):
         return surface
@@ -78,7 +79,7 @@ def _met_at_once(
 
     Those below the geometric horizon are not asked: the surface at the point itself would hide them.
     """
-    directions = _rough_reflections(surface, u1, u2)
+    directions = rough_reflections(surface, u1, u2)
     above = (directions * surface.geometric_normal[:, None]).sum(-1) > 1e-3
     origins = surface.position[:, None].expand_as(directions)
     met = torch.zeros_like(above)
@@ -86,11 +87,24 @@ def _met_at_once(
     return met
 
 
-def _rough_reflections(surface: GBuffer, u1: Float[Tensor, "p s"], u2: Float[Tensor, "p s"]) -> Float[Tensor, "p s 3"]:
-    """Directions into which a GGX lobe of alpha `WIDE` mirrors the view [Heitz 2018], float64."""
+def rough_reflections(
+    surface: GBuffer, u1: Float[Tensor, "p s"], u2: Float[Tensor, "p s"], alpha: float = WIDE
+) -> Float[Tensor, "p s 3"]:
+    """Directions into which a GGX lobe mirrors the view of points [p], by uniform numbers [Heitz 2018], float64."""
     rays = Rays(surface.normal[:, None], surface.view[:, None])
     frame = frames(rays, torch.zeros(u1.shape[1], dtype=torch.long))
-    hx, hy, hz = lobe.sample_visible_normals(frame.cos_v, WIDE, u1, u2)
+    hx, hy, hz = lobe.sample_visible_normals(frame.cos_v, alpha, u1, u2)
     cos_d = frame.sin_v * hx + frame.cos_v * hz
     world = frame.to_world(2 * cos_d * hx - frame.sin_v, 2 * cos_d * hy, 2 * cos_d * hz - frame.cos_v)
+    return torch.stack(world, -1).double()
+
+
+def cosine_directions(surface: GBuffer, u1: Float[Tensor, "p s"], u2: Float[Tensor, "p s"]) -> Float[Tensor, "p s 3"]:
+    """Directions above points [p] in proportion to the cosine, by uniform numbers, float64.
+
+    By Malley's method [Pharr et al. 2023, A.5.3].
+    """
+    radius, azimuth = u1.sqrt(), 2 * math.pi * u2
+    frame = frames(Rays(surface.normal[:, None], surface.view[:, None]), torch.zeros(u1.shape[1], dtype=torch.long))
+    world = frame.to_world(radius * azimuth.cos(), radius * azimuth.sin(), (1 - u1).sqrt())
     return torch.stack(world, -1).double()

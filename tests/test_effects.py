@@ -1,29 +1,53 @@
-"""What a fit says that it simulated, and why."""
+"""The list of effects: its names are DESIGN.md's, and what it says of the code is so."""
+
+from __future__ import annotations
+
+import importlib
+import re
+from importlib import resources
 
 import pytest
 
-from fitter.effects import effects_of
-from fitter.fidelity import preset
+from renderer.plan import NOT_WITH, NOT_WITHOUT, Facts, planned
+from shaders.effects import BY_NAME, EFFECTS, Effect
+
+CONTRACT = """
+reflection blur horizon light-reflection diffuse-irradiance energy-guard normal-map color-map ambient-occlusion
+double-bounce captured-neighbours depth-scaled-blur self-visibility interreflection exact-fresnel pixel-footprint
+"""
+NOTHING = Facts(frozenset({"matte"}), 0, True, False, "conductor", 1)
+each = pytest.mark.parametrize("effect", EFFECTS, ids=lambda effect: effect.name)
 
 
-@pytest.mark.parametrize(
-    ("types", "on", "why"),
-    [
-        (["metal"], True, "n and k differ in it alone"),
-        (["glossy", "matte", "metal"], True, "n and k differ in it alone"),
-        (["glossy"], True, "a dielectric's for glossy materials"),
-        (["matte"], False, "the materials are matte, which mirror nothing"),
-    ],
-)
-def test_exact_fresnel_is_on_where_something_mirrors(types, on, why):
-    effect = _effects(types)["exact-fresnel"]
-    assert (effect.on, effect.why) == (on, why)
+def test_the_names_are_the_contracts():
+    assert [effect.name for effect in EFFECTS] == CONTRACT.split()
 
 
-def test_one_light_is_told_in_the_singular():
-    assert _effects(["glossy"], lights=1)["light-reflection"].why == "1 directional light"
-    assert _effects(["glossy"], lights=2)["light-reflection"].why == "2 directional lights"
+@each
+def test_an_effects_torch_code_is_there(effect: Effect):
+    module, _, name = effect.torch.rpartition(".")
+    assert callable(getattr(importlib.import_module(module), name))
 
 
-def _effects(types, lights=0):
-    return {effect.name: effect for effect in effects_of(preset("preview", "ggx"), types, lights, 0.0)}
+@each
+def test_an_effects_glsl_code_is_there_under_its_definition(effect: Effect):
+    texts = {file.name: file.read_text("utf-8") for file in resources.files("shaders.glsl").iterdir() if file.is_file()}
+    if effect.glsl is not None:
+        file, name = effect.glsl.split(": ")
+        assert re.search(rf"^\w+ {name}\(", texts[file], re.MULTILINE)
+    if effect.definition is not None:
+        used = re.compile(rf"(#if(def)? .*{effect.definition}\b)|(defined\({effect.definition}\))")
+        assert any(used.search(text) for text in texts.values())
+
+
+@each
+def test_an_effect_has_a_rule_and_words(effect: Effect):
+    (decision,) = (one for one in planned(NOTHING, lambda names: {}, 0.01).decisions if one.name == effect.name)
+    assert decision.why
+    assert effect.adds
+    assert effect.called_for
+    assert effect.cost >= 0
+
+
+def test_what_cannot_be_chosen_is_in_the_list():
+    assert {*NOT_WITH, *NOT_WITHOUT} <= {*BY_NAME}

@@ -151,7 +151,7 @@ def test_progress_is_told_in_order(iron, tmp_path):
     options = FitOptions(PRESETS["preview"], type="metal")
     fit_scene(iron, tmp_path, options, lambda stage, share: told.append((stage, share)))
     stages = list(dict.fromkeys(stage for stage, _ in told))
-    assert stages == ["reading", "choosing pixels", "searching", "integrating", "writing the report"]
+    assert stages == ["reading", "planning", "choosing pixels", "searching", "integrating", "writing the report"]
     assert all(0 <= share <= 1 for _, share in told)
 
 

@@ -22,6 +22,7 @@ from tests.bench import (
     hard_cases,
     loop,
     parity,
+    plan,
     race,
     recovery,
     scaling,
@@ -73,6 +74,7 @@ def parts(asked: argparse.Namespace) -> Parts:
         "loop": ("From photographs to the viewer's picture", loop.rows),
         "parity": ("GLSL against torch", parity.rows),
         "frame": ("Time of a picture", frame.rows),
+        "plan": ("Only the effects that a scene calls for", plan.rows),
         "race": ("Against Mitsuba's own inverse rendering", race.rows),
         "scaling": (
             "Time and memory",

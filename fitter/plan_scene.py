@@ -1,0 +1,39 @@
+"""From a scene file to the plan of its fit: what `fit-material plan` does, without command line or printing."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from fitter.fit_options import FitOptions
+from fitter.loading import load
+from fitter.parts import kinds_of
+from fitter.pipeline import setting_of, torch_device
+from fitter.planning import Planner
+from fitter.progress import Progress
+from fitter.tolerance import require_tolerance
+from renderer import gbuffer
+from renderer.errors import InputError
+from renderer.plan import Plan, require_choosable
+from renderer.threads import one_thread_per_operation
+
+
+def plan_scene(scene_file: Path, options: FitOptions, progress: Progress = lambda stage, share: None) -> Plan:
+    """The plan of a scene's fit, before anything is fitted.
+
+    Raises:
+        InputError: about the first thing in the input that is wrong.
+    """
+    device = torch_device(options.device)
+    require_choosable(options.wanted, options.unwanted)
+    if options.tolerance is not None:
+        require_tolerance(options.tolerance, options.fidelity)
+    progress("reading", 0)
+    loaded = load(scene_file)
+    with one_thread_per_operation():
+        progress("planning", 0)
+        setting = setting_of(loaded, options, device)
+        planner = Planner(loaded, gbuffer.tracer(loaded.shape), setting, options)
+        if not len(planner.sample.surface.hit):
+            expected = "a camera that sees the object's front in the pixels its photograph shows"
+            raise InputError(scene_file, "photographs", value="", expected=expected)
+        return planner.plan(kinds_of(loaded, options))

@@ -1,0 +1,111 @@
+"""The plan of a fit: which effects its photographs call for, before anything is found and after."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+from fitter.effect_measures import Measurement, Sample, possible
+from fitter.fidelity import Fidelity
+from fitter.fit_options import FitOptions
+from fitter.loading import Loaded
+from fitter.polish import require_polishable
+from fitter.result import MaterialType
+from fitter.setting import Setting
+from renderer.errors import InputError
+from renderer.gbuffer import Tracer
+from renderer.occlusion import Occluder, occluder
+from renderer.plan import Change, Facts, Plan, planned
+from shaders.effects import NAMES
+from shaders.materials import Material
+
+TOLERANCE = 0.01
+"""Relative change of a pixel from which an effect is called for, where no --tolerance was asked for."""
+KINDS: tuple[MaterialType, ...] = ("metal", "glossy", "matte")
+FOOTPRINT = 4  # rays along each side of a pixel that is looked at, at most
+
+
+@dataclass(frozen=True)
+class Planner:
+    """What a plan is made from.
+
+    Attributes:
+        loaded, trace: the scene.
+        setting: the light, without an occluder.
+        options: of the fit.
+    """
+
+    loaded: Loaded
+    trace: Tracer
+    setting: Setting
+    options: FitOptions
+
+    @cached_property
+    def occluder(self) -> Occluder | None:
+        """What may stand before the light; None where the object is convex, and in the thesis's model."""
+        return None if self.setting.fidelity.blurs else occluder(self.loaded.shape)
+
+    @cached_property
+    def sample(self) -> Sample:
+        """Pixels to measure effects on."""
+        footprint = min(self.setting.fidelity.footprint, FOOTPRINT)
+        return Sample.of(self.loaded.photographs, self.trace, footprint, self.options.seed)
+
+    def plan(self, kinds: Sequence[MaterialType | None], found: Mapping[str, Material] | None = None) -> Plan:
+        """The effects that the photographs call for.
+
+        Args:
+            kinds: types of the materials, None where that is open.
+            found: the materials, by name, once they are known.
+        """
+        fidelity, options = self.setting.fidelity, self.options
+        types = frozenset(each.type for each in found.values()) if found else _possible_types(kinds)
+        facts = Facts(
+            kinds=types,
+            lights=len(self.setting.sources),
+            convex=fidelity.blurs or self.occluder is None,
+            blurs=fidelity.blurs,
+            reflectance=fidelity.reflectance,
+            footprint=fidelity.footprint,
+            untraced=_untraced(types, fidelity),
+            found=found is not None,
+        )
+        tolerance = options.tolerance or TOLERANCE
+        materials = possible(types) if found is None else found
+
+        def measured(names: Collection[str]) -> Mapping[str, Change]:
+            everything = replace(self.setting, occluder=self.occluder, effects=NAMES)
+            return Measurement(self.sample, everything, materials, tolerance).changes(names)
+
+        wanted = (*options.wanted, *(("interreflection",) if options.polish else ()))
+        return planned(facts, measured, tolerance).overruled(wanted, options.unwanted)
+
+    def simulating(self, plan: Plan) -> Setting:
+        """The light with what the plan has on."""
+        by_rays = plan.on - ({"self-visibility"} if plan["interreflection"].on else set())  # else the paths have it
+        hides = by_rays & {"self-visibility", "ambient-occlusion"}
+        before = (self.occluder or Occluder.of(self.loaded.shape)) if hides else None
+        return replace(self.setting, occluder=before).simulating(by_rays)
+
+    def kept(self, plan: Plan, kinds: Sequence[MaterialType | None]) -> tuple[int, ...]:
+        """Materials of which pixels are taken though they mirror the object: its light is simulated there, or small."""
+        if plan.avoids:
+            return ()
+        traced = plan["interreflection"].on
+        return tuple(index for index, kind in enumerate(kinds) if kind == "metal" or not traced)
+
+
+def _possible_types(kinds: Sequence[MaterialType | None]) -> frozenset[str]:
+    return frozenset(KINDS) if None in kinds else frozenset(kind for kind in kinds if kind is not None)
+
+
+def _untraced(types: frozenset[str], fidelity: Fidelity) -> str | None:
+    """Why no paths can be traced."""
+    if "metal" not in types:
+        return "paths are traced for metals alone"
+    try:
+        require_polishable(fidelity)
+    except InputError as error:
+        return f"paths take {error.expected}"
+    return None
