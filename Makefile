@@ -4,6 +4,8 @@
 #   make demo      photographs of a gold ball by Mitsuba, the fit, a report: demo/report.html
 #   make test      the tests
 #   make slow      the tests that take minutes
+#   make stress    properties of whole domains by many examples, and a hundred thousand damaged files; some fifteen minutes
+#   make hard-cases  docs/hard-cases.md, from the table of hard cases, with Mitsuba beside it; two minutes
 #   make check     style, types and the direction of imports, without running anything
 #   make bench     accuracy and time, as the README states them
 #   make bench-recovery   n, k, F0 and alpha of many metals against the truth and the bound; hours at first
@@ -16,16 +18,18 @@
 #   PYTHON   the Python to make .venv from
 #   JOBS     fits at a time, of bench-recovery
 #   REPEATS  runs of each rung, of accuracy
+#   EXAMPLES of each property, of stress
 #   TORCH    what pip installs torch from; another build of it: TORCH="torch==2.13.0 --index-url ADDRESS"
 
 TORCH = torch==2.13.0
 JOBS = 1
+EXAMPLES = 1000
 REPEATS = 1
 
 bin = .venv/bin
 installed = .venv/installed
 
-.PHONY: help install demo test slow check bench bench-recovery accuracy clean
+.PHONY: help install demo test slow stress hard-cases check bench bench-recovery accuracy clean
 
 help:
 	@sed -n '/^$$/q; s/^# \{0,1\}//p' Makefile
@@ -44,6 +48,13 @@ test: $(installed)
 slow: $(installed)
 	$(bin)/python -m pip install -e '.[slow]'
 	$(bin)/python -m pytest -m slow
+
+stress: $(installed)
+	HYPOTHESIS_PROFILE=long EXAMPLES=$(EXAMPLES) OMP_NUM_THREADS=1 $(bin)/python -m pytest -q tests/test_properties.py
+	OMP_NUM_THREADS=1 $(bin)/python -m tests.fuzz
+
+hard-cases: $(installed)
+	$(bin)/python -m tests.bench hard-cases
 
 check: $(installed)
 	$(bin)/ruff check .

@@ -21,6 +21,7 @@ from fitter.fit_command import DONE, NO_MATERIAL, demo, fit
 from fitter.frontier_command import frontier
 from fitter.plan_command import plan
 from fitter.printing import flush, say
+from fitter.selftest_command import selftest
 from fitter.synth_command import synth
 from fitter.view_command import view
 from renderer.errors import InputError
@@ -41,6 +42,7 @@ app.command()(plan)
 app.command()(fit)
 app.command()(synth)
 app.command()(demo)
+app.command()(selftest)
 
 
 def program() -> NoReturn:

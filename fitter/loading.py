@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -11,7 +11,7 @@ from fitter.result import InputFile, MaterialType, sha256_of
 from renderer.environment import Environment, read_environment
 from renderer.errors import InputError
 from renderer.mesh import Mesh, Shape
-from renderer.scene import Scene, read_scene, read_shape
+from renderer.scene import PhotographSpec, Scene, read_scene, read_shape
 
 
 @dataclass(frozen=True)
@@ -22,6 +22,7 @@ class Loaded:
         name: of the output files: the mesh file's, or the shape's.
         materials: the names of the object's materials, in the mesh's order.
         files: those that were read, without the photographs'.
+        repeated: which photographs are an earlier one once more.
     """
 
     scene: Scene
@@ -31,6 +32,7 @@ class Loaded:
     name: str
     materials: tuple[str, ...]
     files: tuple[InputFile, ...]
+    repeated: frozenset[int] = frozenset()
 
     @property
     def inputs(self) -> tuple[InputFile, ...]:
@@ -58,7 +60,27 @@ def load(scene_file: Path) -> Loaded:
     environment = read_environment(light.map, rotation=light.rotation, scale=light.scale)
     stem = scene.geometry.mesh.stem if scene.geometry.mesh else str(scene.geometry.shape)
     photographs = Album.of_scene(scene.photographs, scene_file)
-    return Loaded(scene, photographs, shape, environment, stem, names, _hashed(_beside_photographs(scene, scene_file)))
+    files = _hashed(_beside_photographs(scene, scene_file))
+    return Loaded(scene, photographs, shape, environment, stem, names, files, repeated(scene.photographs))
+
+
+def repeated(photographs: Sequence[PhotographSpec]) -> frozenset[int]:
+    """Which photographs have the bytes, the camera and the exposure of an earlier one.
+
+    Their noise is the same noise: counted twice it would make errors smaller that nothing made smaller. Only files of
+    one size are read for it.
+    """
+    sizes = [each.image.stat().st_size for each in photographs]
+    seen: set[tuple[object, ...]] = set()
+    found = []
+    for index, (each, size) in enumerate(zip(photographs, sizes, strict=True)):
+        if sizes.count(size) == 1:
+            continue
+        mask = sha256_of(each.mask) if each.mask else None
+        key = (sha256_of(each.image), mask, each.model_dump_json(exclude={"image", "mask"}))
+        found += [index] if key in seen else []
+        seen.add(key)
+    return frozenset(found)
 
 
 def _material_names(scene: Scene, shape: Shape, scene_file: Path) -> tuple[str, ...]:

@@ -80,9 +80,15 @@ def neighbours_of(surface: GBuffer, count: int = NEIGHBOURS) -> Int[Tensor, "p q
 
 
 def _level(radiance: Float[Tensor, "p 3"]) -> Float[Tensor, "p 3"]:
-    """The radiance, no less than `DARKEST` of its median."""
-    floor = DARKEST * radiance.median(0).values
-    return torch.maximum(radiance, floor.clamp_min(torch.finfo(radiance.dtype).tiny))
+    return torch.maximum(radiance, darkest(radiance))
+
+
+def darkest(radiance: Float[Tensor, "p 3"]) -> Float[Tensor, "3"]:
+    """`DARKEST` of the median, > 0: below it noise is not relative. Of a mostly black channel others tell."""
+    size = radiance.abs()  # noise about 0 has a median of any sign
+    lit = size[size > 0]
+    anywhere = lit.median() if len(lit) else size.new_ones(())
+    return torch.maximum(DARKEST * size.median(0).values, DARKEST**2 * anywhere)
 
 
 def _without_outliers(difference: Float[Tensor, "p q 3"]) -> Float[Tensor, "p q 3"]:

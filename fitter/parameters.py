@@ -121,7 +121,7 @@ class MetalCoordinates(Coordinates):
     def free(self, material: Material) -> Float[Tensor, " x"]:
         assert isinstance(material, Metal)
         roughness = self.roughness.free(self.roughness.inside(material.roughness))[None]
-        parts = [torch.logit(material.f0), tint_of(material.n, material.k), roughness]
+        parts = [_reflectivity_of(material.n, material.k), tint_of(material.n, material.k), roughness]
         return torch.cat(parts if self.tint is None else parts[::2])
 
     def elsewhere(self, x: Float[Tensor, " x"]) -> list[Float[Tensor, " x"]]:
@@ -197,6 +197,21 @@ class MatteCoordinates(Coordinates):
 
 
 def tint_of(n: Float[Tensor, "3"], k: Float[Tensor, "3"]) -> Float[Tensor, "3"]:
-    """artanh(log n / log m): where n lies between its limits 1/m and m for the reflectivity of (n, k)."""
+    """artanh(log n / log m): where n lies between its limits 1/m and m for the reflectivity of (n, k).
+
+        artanh(log n / log m) = ½ log[log(nm) / log(m/n)],   log(m/n) = log(1 + k²/(n(n - 1/m)))
+
+    and alike log(nm) where n < 1: what is left of a limit is told by k, which the difference of the logarithms would
+    lose. Within ±`_REACH`, which stand for k = 0; 0 for the air's own n = 1, k = 0.
+    """
     limit = fresnel.index_limit(fresnel.normal_reflectance(n, k))
-    return torch.atanh(n.log() / limit.log())
+    upper = torch.where(n >= 1, n, 1 / n)  # by n and 1/n the same, with the signs exchanged
+    extinct = (k / n.clamp_max(1)) ** 2
+    near = torch.log1p(extinct / (upper * (upper - 1 / limit)))
+    tint = 0.5 * ((limit.log() + upper.log()) / near).log().clamp(0, 2 * _REACH)
+    return torch.where(n >= 1, tint, -tint).nan_to_num(0.0)
+
+
+def _reflectivity_of(n: Float[Tensor, "3"], k: Float[Tensor, "3"]) -> Float[Tensor, "3"]:
+    """logit F0 = log[((n-1)² + k²)/4n], in which 1 - F0 is not lost where F0 → 1."""
+    return (((n - 1) ** 2 + k**2) / (4 * n)).log().clamp(-_REACH, _REACH)

@@ -94,6 +94,7 @@ def fit_parts(
             footprint=setting.fidelity.footprint,
             seed=options.seed,
             materials=len(loaded.materials),
+            left_out=loaded.repeated,
             kept=kept,
             progress=lambda share: progress("choosing pixels", share),
         )

@@ -157,6 +157,10 @@ def _remarks(loaded: Loaded, parts: Sequence[FittedPart], fidelity: Fidelity) ->
         (nonfinite, "pixels of the photographs were not finite and were left out"),
     ]
     remarks = [f"{count} {sentence}." for count, sentence in counts if count]
+    again = [seen[index].name for index in sorted(loaded.repeated)]
+    if again:
+        named = ", ".join(again[:3]) + (f" and {len(again) - 3} more" if len(again) > 3 else "")
+        remarks.append(f"Photographs that repeat an earlier one were left out: {named}.")
     fitted = {part.index for part in parts}
     unseen = [name for index, name in enumerate(loaded.materials) if index not in fitted]
     if unseen:

@@ -56,6 +56,7 @@ def choose_pixels(
     footprint: int,
     seed: int,
     materials: int = 1,
+    left_out: Collection[int] = (),
     kept: Collection[int] = (),
     progress: Callable[[float], None] = lambda share: None,
 ) -> list[Observations | None]:
@@ -74,6 +75,7 @@ def choose_pixels(
             just few rays are wanted.
         seed: of the choice among many.
         materials: how many the object has.
+        left_out: photographs that are not looked at.
         kept: those of which pixels are taken though they mirror the object.
         progress: told the share of the photographs that is done.
 
@@ -83,12 +85,15 @@ def choose_pixels(
     Raises:
         InputError: a camera sees nothing of the object where its mask is, or sees it from inside.
     """
-    quota = -(-count // len(photographs))
+    quota = -(-count // (len(photographs) - len(left_out)))
 
     def with_rays(along_side: int) -> list[Observations | None]:
         generator = torch.Generator().manual_seed(seed)
         parts: list[list[Observations]] = [[] for _ in range(materials)]
-        for i, photograph in enumerate(photographs):
+        for i in range(len(photographs)):
+            if i in left_out:
+                continue
+            photograph = photographs[i]
             progress(i / len(photographs))
             place = (scene_file, f"photographs[{i}].camera")
             candidates = _candidates(photograph, trace, place, CANDIDATES * quota * materials, generator)

@@ -58,16 +58,21 @@ class Solver(Protocol):
         start: a free vector.
         tolerance: relative movement below which the method stops, and the share of the cost that a further step may
             still promise in a converged one.
+        steps: the most to take; None for `MAX_STEPS`.
     """
 
-    def __call__(self, residual: Residual, start: Tensor, tolerance: float = PRECISE) -> Solution: ...
+    def __call__(
+        self, residual: Residual, start: Tensor, tolerance: float = PRECISE, *, steps: int | None = None
+    ) -> Solution: ...
 
 
-def levenberg_marquardt(residual: Residual, start: Float[Tensor, " x"], tolerance: float = PRECISE) -> Solution:
+def levenberg_marquardt(
+    residual: Residual, start: Float[Tensor, " x"], tolerance: float = PRECISE, *, steps: int | None = None
+) -> Solution:
     """Optimistix's Levenberg–Marquardt: damped Gauss–Newton by QR of the Jacobian, in float64."""
     begun = time.perf_counter()
     compiling().result()
-    return _optimistix(residual, start, tolerance, begun)
+    return _optimistix(residual, start, tolerance, begun, steps)
 
 
 @functools.cache
@@ -82,21 +87,23 @@ def compiling() -> Future[Solution]:
     return first
 
 
-def _optimistix(residual: Residual, start: Float[Tensor, " x"], tolerance: float, begun: float) -> Solution:
+def _optimistix(
+    residual: Residual, start: Float[Tensor, " x"], tolerance: float, begun: float, steps: int | None = None
+) -> Solution:
     """The solution, its seconds counted from `begun`."""
     import jax.numpy as jnp
 
     unknowns, rows = len(start), _rows(len(residual(start)))
-    bridge, run = _compiled(rows)
+    bridge, run = _compiled(rows, steps or MAX_STEPS["lm"])
     columns = _multiple(COLUMNS, unknowns)
     jacobian = jacobian_of(residual)
     bridge.function = lambda padded: _padded(residual(padded[:unknowns]), rows)
     bridge.jacobian = lambda padded: _padded(_padded(jacobian(padded[:unknowns]), rows).T, columns).T
-    value, steps = run(jnp.asarray(_padded(start, columns).numpy()), tolerance)
+    value, taken = run(jnp.asarray(_padded(start, columns).numpy()), tolerance)
     x = torch.tensor(value.tolist(), dtype=torch.float64)[:unknowns]  # waits for JAX
     if bridge.raised is not None:
         raise bridge.raised
-    return _solution(residual, start, x, int(steps), begun, tolerance)
+    return _solution(residual, start, x, int(taken), begun, tolerance)
 
 
 def _rows(count: int) -> int:
@@ -120,8 +127,8 @@ def jacobian_of(residual: Residual) -> Residual:
 
 
 @functools.cache
-def _compiled(size: int) -> tuple[Bridge, Callable[..., tuple[Any, Any]]]:
-    """Levenberg–Marquardt for residuals of one length; compiling takes longer than most fits.
+def _compiled(size: int, steps: int) -> tuple[Bridge, Callable[..., tuple[Any, Any]]]:
+    """Levenberg–Marquardt of so many steps at most for residuals of one length; compiling takes longer than most fits.
 
     So problems are padded to a few sizes with zeros, which add nothing to a sum of squares: residuals that are always
     0, and unknowns that move nothing and that damping keeps where they are.
@@ -136,38 +143,42 @@ def _compiled(size: int) -> tuple[Bridge, Callable[..., tuple[Any, Any]]]:
 
     def run(start: jax.Array, tolerance: jax.Array) -> tuple[jax.Array, jax.Array]:
         solver = optx.LevenbergMarquardt(rtol=tolerance, atol=tolerance)  # type: ignore[arg-type]
-        found = optx.least_squares(lambda y, _: function(y), solver, start, max_steps=MAX_STEPS["lm"], throw=False)
+        found = optx.least_squares(lambda y, _: function(y), solver, start, max_steps=steps, throw=False)
         return found.value, found.stats["num_steps"]
 
     return bridge, jax.jit(run)
 
 
-def adam(residual: Residual, start: Float[Tensor, " x"], tolerance: float = PRECISE) -> Solution:
+def adam(
+    residual: Residual, start: Float[Tensor, " x"], tolerance: float = PRECISE, *, steps: int | None = None
+) -> Solution:
     """Torch's Adam on half the sum of squares, its rate falling along a cosine to the tolerance."""
-    begun = time.perf_counter()
+    begun, most = time.perf_counter(), steps or MAX_STEPS["adam"]
     x = start.clone().requires_grad_()
     optimiser = torch.optim.Adam([x], lr=0.1)
-    schedule = torch.optim.lr_scheduler.CosineAnnealingLR(optimiser, MAX_STEPS["adam"], eta_min=tolerance)
-    still = steps = 0
-    while steps < MAX_STEPS["adam"] and still < STILL:
+    schedule = torch.optim.lr_scheduler.CosineAnnealingLR(optimiser, most, eta_min=tolerance)
+    still = taken = 0
+    while taken < most and still < STILL:
         before = x.detach().clone()
         optimiser.zero_grad()
         _half_square(residual(x)).backward()
         optimiser.step()
         schedule.step()
-        steps += 1
+        taken += 1
         still = still + 1 if bool((x.detach() - before).abs().max() < tolerance) else 0
-    return _solution(residual, start, x.detach(), steps, begun, tolerance)
+    return _solution(residual, start, x.detach(), taken, begun, tolerance)
 
 
-def lbfgs(residual: Residual, start: Float[Tensor, " x"], tolerance: float = PRECISE) -> Solution:
+def lbfgs(
+    residual: Residual, start: Float[Tensor, " x"], tolerance: float = PRECISE, *, steps: int | None = None
+) -> Solution:
     """Torch's L-BFGS with strong Wolfe line search on half the sum of squares."""
     begun = time.perf_counter()
     x = start.clone().requires_grad_()
     scale = float(_half_square(residual(start)).detach().clamp_min(1e-300))  # its tolerances are absolute
     optimiser = torch.optim.LBFGS(
         [x],
-        max_iter=MAX_STEPS["lbfgs"],
+        max_iter=steps or MAX_STEPS["lbfgs"],
         tolerance_grad=1e-3 * tolerance,
         tolerance_change=1e-6 * tolerance,
         line_search_fn="strong_wolfe",
@@ -180,8 +191,8 @@ def lbfgs(residual: Residual, start: Float[Tensor, " x"], tolerance: float = PRE
         return cost
 
     optimiser.step(closure)
-    steps = int(optimiser.state[x]["n_iter"])
-    return _solution(residual, start, x.detach(), steps, begun, tolerance)
+    taken = int(optimiser.state[x]["n_iter"])
+    return _solution(residual, start, x.detach(), taken, begun, tolerance)
 
 
 SOLVERS: dict[str, Solver] = {"lm": levenberg_marquardt, "adam": adam, "lbfgs": lbfgs}

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import torch
 
 from fitter.mixture import Borrowed, TooFar
+from fitter.noise import darkest
 from fitter.parameters import Coordinates, MetalCoordinates
 from fitter.result import FittedMaterial
 from fitter.search import Fit
@@ -48,8 +49,8 @@ def seen_by(fit: Fit, observed: Observations) -> Seen:
     angle = torch.rad2deg(torch.acos(cosine.clamp(0, 1)))
     beyond = angle > GRAZING
     told = beyond if int(beyond.sum()) >= FEW else torch.ones_like(beyond)
-    tiny = torch.finfo(torch.float64).tiny
-    ratio = ((observed.radiance - fit.picture) / fit.picture.clamp_min(tiny))[told]
+    level = torch.maximum(fit.picture, darkest(observed.radiance))  # of a fit that is black nothing is a share
+    ratio = ((observed.radiance - fit.picture) / level)[told]
     red, green, blue = ratio.abs().quantile(ONE_SIGMA, 0).tolist()
     return Seen(
         len(angle), int(beyond.sum()), float(angle.max()), (red, green, blue), sees_f0_only(fit.residuals.coordinates)

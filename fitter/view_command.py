@@ -76,6 +76,9 @@ def view(
         str, typer.Option(help="What Ns says for each type in the thesis's MTL files.")
     ] = "matte=0,glossy=1,metal=2",
     dialect: Annotated[DialectName, typer.Option(help="Of the MTL file.")] = DialectName.auto,
+    outside: Annotated[
+        bool, typer.Option("--outside", help="Read textures from outside of the model's folder, too.")
+    ] = False,
     photograph: Annotated[
         Path | None, typer.Option(metavar="SCENE.toml", help="Compare with this scene's photographs, by their cameras.")
     ] = None,
@@ -112,6 +115,7 @@ def view(
         photograph=photograph,
         view=view_,
         compare=compare.value,
+        outside=outside,
     )
     for path in show(options):
         say(path)

@@ -75,6 +75,7 @@ class ViewOptions:
     photograph: Path | None
     view: int
     compare: Literal["beside", "swipe", "difference"]
+    outside: bool = False
 
     def __post_init__(self) -> None:
         width, height = self.size
@@ -232,7 +233,7 @@ class _Drawing:
 
 
 def _read(options: ViewOptions) -> Model:
-    return read_model(options.model, options.mtl, type_codes(options.codes), options.dialect)
+    return read_model(options.model, options.mtl, type_codes(options.codes), options.dialect, outside=options.outside)
 
 
 def _surroundings(options: ViewOptions) -> Surroundings:

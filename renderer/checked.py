@@ -117,7 +117,7 @@ def _input_error(file: Path, error: ErrorDetails) -> InputError:
     hidden = error["type"] == "missing" or told.get("value") == ""
     found = "" if hidden else _quoted(told.get("value", error["input"]))
     expected = _EXPECTED.get(error["type"]) or error["msg"].removeprefix("Input should be ")
-    return InputError(file, _field(location), found, expected)
+    return InputError(file, shortened(_field(location), 200), found, expected)
 
 
 def _field(location: Sequence[int | str]) -> str:

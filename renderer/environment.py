@@ -119,13 +119,13 @@ def _repair(radiance: Float[np.ndarray, "h w 3"]) -> tuple[Float[np.ndarray, "h 
     clean = np.where(broken | negative, np.float32(0), radiance)
     if broken.any():
         total, finite = _sum_of_neighbours(clean), _sum_of_neighbours((~broken).astype(np.float32))
-        clean = np.where(broken, total / np.maximum(finite, 1), clean)
+        clean = np.where(broken, total / np.maximum(finite, 1), clean).astype(np.float32)
     return clean, int((broken | negative).any(-1).sum())
 
 
 def _sum_of_neighbours(values: Float[np.ndarray, "h w 3"]) -> Float[np.ndarray, "h w 3"]:
-    """Sum over the 3 × 3 texels around each one, which are fewer at the borders."""
+    """Sum over the 3 × 3 texels around each one, which are fewer at the borders; float64, for nine may be too much."""
     height, width = values.shape[:2]
     padded = np.pad(values.astype(np.float64), ((1, 1), (1, 1), (0, 0)))
     shifted = (padded[j : j + height, i : i + width] for j in range(3) for i in range(3))
-    return np.sum(list(shifted), axis=0).astype(np.float32)
+    return np.sum(list(shifted), axis=0)

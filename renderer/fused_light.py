@@ -58,7 +58,7 @@ class FusedLight:
     def at(self, x: Any, y: Any, z: Any) -> Looked:
         """Radiance and density in unit directions in world space, as `latlong.lookup` has them."""
         u = dr.atan2(x, -z) * (0.5 / math.pi) + self.turn
-        v = dr.acos(dr.clip(y, -1, 1)) * (1 / math.pi)
+        v = dr.atan2(dr.sqrt(x * x + z * z), y) * (1 / math.pi)  # `latlong.polar_angle`
         column, row = (u - dr.floor(u)) * Float(self.width), v * Float(self.height - 1) + 0.5
         texel = (dr.minimum(UInt32(number), size - 1) for number, size in ((row, self.height), (column, self.width)))
         return self._bilinear(column + 0.5, row + 0.5, self.blocks.at(*texel))

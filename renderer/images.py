@@ -16,6 +16,8 @@ from jaxtyping import Float, Num, UInt
 
 from renderer.atomic import replaced_together
 from renderer.errors import InputError
+from renderer.promised import promised_size, require_size
+from renderer.radiance_hdr import read_hdr
 
 ENCODING = re.compile(r"srgb|linear|gamma:(?=.*[1-9])(\d+(?:\.\d+)?)")
 ENCODING_HELP = '"srgb", "linear" or "gamma:" and a positive exponent such as "gamma:2.2"'
@@ -100,6 +102,9 @@ def _read_samples(path: Path) -> Samples:
     if not path.is_file():
         raise InputError(path, expected="an image file here, but there is none")
     try:
+        promised = promised_size(path)
+        if promised is not None:
+            require_size(path, *promised)
         samples = reader(path)
     except InputError:
         raise
@@ -156,7 +161,7 @@ def _silent() -> Iterator[None]:
 
 
 def _read_bitmap(path: Path) -> Samples:
-    """PNG and Radiance HDR through Mitsuba, which keeps 16-bit PNG at 16 bits and expands palettes."""
+    """PNG through Mitsuba, which keeps 16 bits at 16 bits and expands palettes."""
     import mitsuba as mi
 
     if mi.variant() is None:
@@ -200,7 +205,7 @@ def _read_npy(path: Path) -> Samples:
 
 _READERS: dict[str, Callable[[Path], Samples]] = {
     ".exr": _read_exr,
-    ".hdr": _read_bitmap,
+    ".hdr": read_hdr,
     ".npy": _read_npy,
     ".png": _read_bitmap,
     ".jpg": _read_jpeg,

@@ -13,7 +13,7 @@ from torch import Tensor
 from renderer import lamp_blocks
 from renderer.environment import Environment
 from renderer.lamp_blocks import LampBlocks
-from renderer.latlong import row_edges, row_solid_angle, with_border
+from renderer.latlong import polar_angle, row_edges, row_solid_angle, with_border
 
 
 @dataclass(frozen=True)
@@ -77,7 +77,7 @@ def texels(
 ) -> tuple[Int[Tensor, "*p"], Int[Tensor, "*p"]]:
     """Row and column of the texel that each unit direction in world space falls into."""
     u = torch.atan2(x, -z) / (2 * math.pi) + lamps.rotation / 360
-    row = torch.acos(y.clamp(-1, 1)) / math.pi * (lamps.height - 1) + 0.5
+    row = polar_angle(x, y, z) / math.pi * (lamps.height - 1) + 0.5
     column = (u - u.floor()) * lamps.width
     return row.long().clamp_max(lamps.height - 1), column.long().clamp_max(lamps.width - 1)
 

@@ -10,6 +10,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from renderer.environment import Environment
+from shaders.root import root
 
 
 @dataclass(frozen=True)
@@ -48,12 +49,21 @@ def lookup(
     """
     rows, columns = latlong.texels.shape[2:]
     u = torch.atan2(x, -z) / (2 * math.pi) + latlong.rotation / 360
-    v = torch.acos(y.clamp(-1, 1)) / math.pi
+    v = polar_angle(x, y, z) / math.pi
     column = (u - u.floor()) * (columns - 2) + 1
     row = v * (rows - 3) + 1.5
     grid = torch.stack([column * (2 / columns) - 1, row * (2 / rows) - 1], -1).reshape(1, -1, 1, 2).to(latlong.texels)
     found = torch.nn.functional.grid_sample(latlong.texels, grid, mode="bilinear", align_corners=False)
     return found[0, :, :, 0].T.reshape(*x.shape, -1)
+
+
+def polar_angle(x: Float[Tensor, "*p"], y: Float[Tensor, "*p"], z: Float[Tensor, "*p"]) -> Float[Tensor, "*p"]:
+    """Angle from +Y of unit directions, in [0, π].
+
+    Its cosine alone would keep half of the digits at the poles, in float32 a texel of a map of 8192 columns, and an
+    infinite slope.
+    """
+    return torch.atan2(root(x**2 + z**2), y)
 
 
 def row_edges(height: int) -> Float[Tensor, " h+1"]:

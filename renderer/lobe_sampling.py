@@ -105,6 +105,7 @@ class Directions:
 
     Attributes:
         cos_l, cos_h: cosines of light and half vector against the normal.
+        sin2_h: squared sine of the half vector's angle, which a narrow lobe's cosine does not tell.
         cos_d: cosine of the half vector against the view.
         radiance: of the environment.
         lamp_density: density with which the environment draws such directions, interpolated between texels.
@@ -113,6 +114,7 @@ class Directions:
 
     cos_l: Float[Tensor, "p s"]
     cos_h: Float[Tensor, "p s"]
+    sin2_h: Float[Tensor, "p s"]
     cos_d: Float[Tensor, "p s"]
     radiance: Float[Tensor, "p s 3"]
     lamp_density: Float[Tensor, "p s"]
@@ -136,7 +138,8 @@ def draw_lobe(
     found = latlong.lookup(sampler.light, *world)
     block = sampler.lamps.blocks.at(*lamps.texels(sampler.lamps, *world))
     radiance = found[..., :3] if free is None else found[..., :3] * free(world)[..., None]
-    return Directions(cos_l, hz, cos_d, radiance, found[..., 3] * _preferred(sampler, asked, block), None)
+    density = found[..., 3] * _preferred(sampler, asked, block)
+    return Directions(cos_l, hz, hx**2 + hy**2, cos_d, radiance, density, None)
 
 
 def draw_lamps(
@@ -160,9 +163,10 @@ def draw_lamps(
     scale = torch.rsqrt((hx**2 + hy**2 + hz**2).clamp_min(1e-12))
     cos_h = (hz * scale).clamp(1e-6, 1)  # below the horizon nothing is counted; the bound keeps tan θ finite
     cos_d = ((frame.sin_v * hx + frame.cos_v * hz) * scale).clamp(0, 1)
-    told = found[..., 3]
+    sin2_h, told = (hx**2 + hy**2) * scale**2, found[..., 3]
     radiance = found[..., :3] if free is None else found[..., :3] * free((x, y, z))[..., None]
-    return Directions(lz, cos_h, cos_d, radiance, told * _preferred(sampler, asked, block), density / told)
+    preferred = told * _preferred(sampler, asked, block)
+    return Directions(lz, cos_h, sin2_h, cos_d, radiance, preferred, density / told)
 
 
 def asked_blocks(sampler: LightSampler, rays: Rays, alpha: float) -> Float[Tensor, "p k"]:

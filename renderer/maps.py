@@ -30,10 +30,12 @@ class MapReader:
     """Reads maps.
 
     Attributes:
+        tree: the folder in or below which textures have to be; None for anywhere.
         remarks: a sentence about everything that is not drawn as the file says.
         files: what was read.
     """
 
+    tree: Path | None = None
     remarks: list[str] = field(default_factory=list)
     files: list[Path] = field(default_factory=list)
     _textures: dict[tuple[Path, bool], Texture | None] = field(default_factory=dict)
@@ -59,13 +61,20 @@ class MapReader:
         key = _first(block, keys)
         if not key:
             return None
-        file = found_file(texture_file(block.values[key.lower()]), block.file.parent)
+        name = texture_file(block.values[key.lower()])
+        file = found_file(name, block.file.parent, self.tree)
         if file is None:
-            self._remark(block, key, "a texture file that exists; drawn without it")
+            self._remark(block, key, self._missing(name, block.file.parent))
             return None
         if options := texture_options(block.values[key.lower()]):
             self.remarks.append(block.remark(f"{key}: {' '.join(options)}"))
         return self._read(file, color)
+
+    def _missing(self, name: str, folder: Path) -> str:
+        """A stranger's MTL file does not choose which of our files is read."""
+        if found_file(name, folder) is None:
+            return "a texture file that exists; drawn without it"
+        return f"a texture in the folder {self.tree} or below it, or --outside; drawn without it"
 
     def _read(self, file: Path, color: bool) -> Texture | None:
         if (file, color) not in self._textures:

@@ -14,10 +14,12 @@ from typing import Any, TypeVar
 import numpy as np
 from jaxtyping import Float, Int
 
+from renderer.checked import shortened
 from renderer.errors import InputError
 from renderer.obj import MATERIAL_FILE, plain_obj
 
 UNNAMED = "default"
+FARTHEST = 1e75  # of coordinates: squares of areas stay finite
 _COMPRESSIONS = {"KHR_draco_mesh_compression", "EXT_meshopt_compression"}
 logging.getLogger("trimesh").addHandler(logging.NullHandler())  # without a handler, Python prints a library's warnings
 
@@ -105,17 +107,21 @@ def _parts(path: Path) -> list[_Part]:
         raise
     except Exception as error:  # trimesh raises whatever its parsers run into
         reason = f"{error}".partition("\n")[0].strip().rstrip(".") or type(error).__name__
-        raise InputError(path, expected=f"a readable {path.suffix[1:].upper()} mesh ({reason})") from error
+        raise InputError(
+            path, expected=f"a readable {path.suffix[1:].upper()} mesh ({shortened(reason, 200)})"
+        ) from error
     for part in parts:
         _check(path, part)
     return parts
 
 
 def _check(path: Path, part: _Part) -> None:
+    if part.vertices.ndim != 2 or part.vertices.shape[1] != 3 or part.faces.ndim != 2 or part.faces.shape[1] != 3:
+        raise InputError(path, expected="vertices of three coordinates and faces of three corners")
     if part.faces.size and not 0 <= part.faces.min() <= part.faces.max() < len(part.vertices):
         outside = part.faces[(part.faces < 0) | (part.faces >= len(part.vertices))][0]
         raise InputError(path, "vertex index of a face", outside, f"less than {len(part.vertices)}")
-    broken = ~np.isfinite(part.vertices).all(-1)
+    broken = ~(np.abs(part.vertices) <= FARTHEST).all(-1)  # nan is, too
     if broken.any():
         raise InputError(path, "vertices", part.vertices[broken][0].tolist(), "finite coordinates")
 

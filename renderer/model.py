@@ -40,6 +40,7 @@ def read_model(
     codes: Mapping[str, int] = TYPE_CODES,
     dialect: Dialect = "auto",
     smooth: bool = True,
+    outside: bool = False,
 ) -> Model:
     """Read a mesh, its materials and their textures.
 
@@ -51,6 +52,7 @@ def read_model(
         mtl: the materials; without it NAME.thesis.mtl beside the mesh, else the files that its `mtllib` lines name.
         codes, dialect: as for `read_mtl`.
         smooth: as for `read_mesh`.
+        outside: read textures from anywhere, not only from the mesh's folder (or that of `mtl`) and below.
 
     Returns:
         The model. Under a normal map its mesh has vertex normals, and no vertex that two mirrored halves of a texture
@@ -62,7 +64,8 @@ def read_model(
     path = Path(mesh)
     shape = read_mesh(path, smooth)
     files, missing = ([Path(mtl)], []) if mtl is not None else _material_files(path)
-    library = _joined([read_mtl(file, codes, dialect) for file in files])
+    tree = path.parent if mtl is None else Path(mtl).parent
+    library = _joined([read_mtl(file, codes, dialect, tree, outside) for file in files])
     appearances, unknown = _assigned(path, shape.material_names, library)
     if shape.uv is None and any(appearance.maps != Maps() for appearance in appearances):
         unknown.append(str(InputError(path, expected="texture coordinates for its textures; drawn without them")))

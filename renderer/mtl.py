@@ -50,7 +50,13 @@ def default_appearance() -> Appearance:
     return Appearance(Matte(torch.full((3,), DEFAULT_COLOR), torch.ones(3)))
 
 
-def read_mtl(path: str | Path, codes: Mapping[str, int] = TYPE_CODES, dialect: Dialect = "auto") -> Library:
+def read_mtl(
+    path: str | Path,
+    codes: Mapping[str, int] = TYPE_CODES,
+    dialect: Dialect = "auto",
+    tree: Path | None = None,
+    outside: bool = False,
+) -> Library:
     """Read an MTL file with its textures.
 
     The thesis's dialect [thesis, table 3.2; MODEL.md 5]:
@@ -75,6 +81,8 @@ def read_mtl(path: str | Path, codes: Mapping[str, int] = TYPE_CODES, dialect: D
         codes: what `Ns` says for each type of material.
         dialect: "auto" takes for the thesis's dialect a file called `*.thesis.mtl`, and one that has no keys but
             those above, in which every material has a known code for Ns, Ka, Kd, and Ks of three equal numbers.
+        tree: the folder in or below which textures are read; the file's own where it is left out.
+        outside: read textures from anywhere.
 
     Raises:
         InputError: the file is missing, or a value that counts is no number, not finite, or out of the thesis's
@@ -83,7 +91,7 @@ def read_mtl(path: str | Path, codes: Mapping[str, int] = TYPE_CODES, dialect: D
     path = Path(path)
     if not path.is_file():
         raise InputError(path, expected="an MTL file here, but there is none")
-    blocks, reader = read_blocks(path), MapReader()
+    blocks, reader = read_blocks(path), MapReader(None if outside else tree or path.parent)
     if dialect == "thesis" or (dialect == "auto" and _is_thesis(path, blocks, codes)):
         types = {float(code): kind for kind, code in codes.items()}
         appearances = {block.name: _thesis_appearance(block, types, reader) for block in blocks}

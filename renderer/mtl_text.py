@@ -128,16 +128,27 @@ def _changes_something(option: str) -> bool:
     return neutral is not None and any(float(word) != value for word, value in zip(words, neutral, strict=False))
 
 
-def found_file(name: str, folder: Path) -> Path | None:
+def found_file(name: str, folder: Path, tree: Path | None = None) -> Path | None:
     """The file that an OBJ or MTL in `folder` calls `name`; None where there is none.
 
     Tried in this order: the name as it is, with slashes for backslashes, without the comment behind it, and only its
     last part, for paths of another computer.
+
+    Args:
+        tree: a folder in or below which the file has to be, links followed; None for anywhere.
     """
     slashes = re.sub(r"\\+", "/", name)
     plain = _COMMENT_BEHIND.sub("", slashes).strip()
     candidates = (name, slashes, plain, plain.rpartition("/")[2])
-    return next((file for candidate in candidates if candidate and (file := existing_file(candidate, folder))), None)
+    found = (existing_file(candidate, folder) for candidate in candidates if candidate)
+    return next((file for file in found if file is not None and (tree is None or _lies_in(tree, file))), None)
+
+
+def _lies_in(tree: Path, file: Path) -> bool:
+    try:
+        return file.resolve().is_relative_to(tree.resolve())
+    except (OSError, RuntimeError):  # links in a circle
+        return False
 
 
 def written_names(names: Iterable[str]) -> list[str]:

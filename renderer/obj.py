@@ -89,7 +89,7 @@ def plain_obj(data: bytes, unnamed: str) -> PlainObj:
         unnamed: what to call the material of faces before the first `usemtl`, and their object before the first `o`.
 
     Raises:
-        ValueError: an index that cannot be.
+        ValueError: an index that cannot be, or a vertex without its numbers.
     """
     text = decoded(data)
     missing = [kind for kind in _KINDS[1:] if not re.search(rf"^\s*{kind}\s", text, re.MULTILINE)]
@@ -101,13 +101,23 @@ def plain_obj(data: bytes, unnamed: str) -> PlainObj:
         elif key in named:
             named[key] = " ".join(words) or unnamed
         elif key in _KINDS:
-            plain.vertices[key].append(" ".join([key, *words[: 2 if key == "vt" else 3]]))
+            plain.vertices[key].append(_vertex(key, words))
         elif key == "f" and len(words := line.partition("#")[0].split()[1:]) >= 3:
             corners = [plain.corner(word) for word in words]
             # exporters refer to normals or texture coordinates that they did not write: the shape is whole
             kept = [{kind: i for kind, i in corner.items() if kind not in missing} for corner in corners]
             plain.add_face(material, (named[_OBJECT], named[_GROUP]), kept)
     return plain
+
+
+def _vertex(key: str, words: list[str]) -> str:
+    """A line of as many numbers as its kind has: trimesh takes its columns from all lines together."""
+    if key == "vt":
+        words = [*words, "0", "0"] if words else words  # the second is 0 where it is left out
+    count = 2 if key == "vt" else 3
+    if len(words) < count:
+        raise ValueError(f"a line {' '.join([key, *words])!r} without {count} numbers")
+    return " ".join([key, *words[:count]])
 
 
 def material_libraries(text: str) -> list[str]:

@@ -11,6 +11,7 @@ from torch import Tensor
 
 from renderer import images
 from renderer.errors import InputError
+from renderer.promised import by_pillow, require_size
 
 
 @dataclass(frozen=True)
@@ -52,7 +53,10 @@ def _read(path: Path, encoding: str | None) -> images.Image:
     from imageio.v3 import imread
 
     try:
+        require_size(path, *by_pillow(path))
         samples = imread(path, plugin="pillow", mode="RGB", index=0)
+    except InputError:
+        raise
     except Exception as error:  # Pillow's many plugins raise whatever they like on foreign bytes
         raise InputError(path, expected="a picture of a format that Pillow reads") from error
     return images.decoded(samples, path, encoding)

@@ -308,10 +308,10 @@ def _shares(
     the density really drawn.
     """
     cosines = frame.cos_v, drawn.cos_l, drawn.cos_h
-    density = lobe.visible_normal_density(frame.cos_v, drawn.cos_h, drawn_at) + drawn.lamp_density
+    density = lobe.visible_normal_density(frame.cos_v, drawn.cos_h, drawn_at, drawn.sin2_h) + drawn.lamp_density
     if drawn.oversampling is not None:
         density = density * drawn.oversampling
-    return torch.stack([lobe.reflected(*cosines, alpha, distribution) / density for alpha in alphas])
+    return torch.stack([lobe.reflected(*cosines, alpha, distribution, drawn.sin2_h) / density for alpha in alphas])
 
 
 def _moments(shares: Float[Tensor, "a p s"], drawn: Directions, degree: int) -> Float[Tensor, "2 a p b 3"]:

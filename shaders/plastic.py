@@ -20,6 +20,7 @@ from torch import Tensor
 
 from shaders import fresnel, lobe
 from shaders.lobe import Distribution
+from shaders.root import root
 
 _STEEPEST = 4.0  # slopes beyond 4α hold 2e-8 of Beckmann's normals
 _GRAZING = 1e-6  # cosine that stands for 0, as in Mitsuba
@@ -29,7 +30,7 @@ _TABLE = 64  # cosines over which Mitsuba takes its mean
 def ior(f0: Float[Tensor, "*p"]) -> Float[Tensor, "*p"]:
     """η = (1+√f)/(1-√f) of the dielectric whose reflectance at normal incidence is f, in (0, 1).
 
-    The derivative at f = 0 is infinite.
+    The derivative at f = 0 is infinite, and counts as 0.
     """
     return fresnel.index_limit(f0)
 
@@ -59,11 +60,16 @@ def transmittance(
     """
     mu, eta, alpha = (value[..., None] for value in torch.broadcast_tensors(mu.clamp_min(_GRAZING), eta, alpha))
     h_x, h_z, weight = _visible_normals(mu, alpha, distribution)
-    cos_d = ((1 - mu) * (1 + mu)).sqrt() * h_x + mu * h_z
-    cos_t = (1 - (1 - cos_d**2) / eta**2).sqrt()
+    cos_d = root((1 - mu) * (1 + mu)) * h_x + mu * h_z
+    cos_t = _refracted(cos_d, eta)
     inside = h_z * (cos_t - cos_d / eta) + mu / eta  # -n·t, above 0 for every facet since η >= 1
-    passed = (1 - fresnel.dielectric(cos_d, eta)) * lobe.smith_g1(inside, alpha, distribution)
+    passed = fresnel.transmittance(cos_d, eta) * lobe.smith_g1(inside, alpha, distribution)
     return (weight * passed).sum(-1)
+
+
+def _refracted(cos_d: Float[Tensor, "*p"], eta: Float[Tensor, ...]) -> Float[Tensor, "*p"]:
+    """Cosine inside, √(η² - 1 + c²)/η: Snell's law in the form that keeps c where η → 1."""
+    return root((eta - 1) * (eta + 1) + cos_d**2) / eta
 
 
 def outcoupling(eta: Float[Tensor, "*p"], alpha: Float[Tensor, ...], distribution: Distribution) -> Float[Tensor, "*p"]:
@@ -111,10 +117,10 @@ def diffuse_internal_reflectance(
     """
     eta, alpha = (value[..., None] for value in torch.broadcast_tensors(eta, alpha))
     outside, weight = (value.to(eta) for value in _OUTSIDE)
-    inside = (1 - (1 - outside**2) / eta**2).sqrt()
+    inside = _refracted(outside, eta)
     unmasked = _unmasked(torch.cat([outside.expand_as(inside), inside], -1), alpha, distribution)
     white, passing = unmasked.unflatten(-1, (2, -1)).unbind(-2)
-    passed = (1 - fresnel.dielectric(outside, eta)) / eta**2 * passing
+    passed = fresnel.transmittance(outside, eta) / eta**2 * passing
     return (2 * weight * outside * (white - passed)).sum(-1)
 
 
@@ -135,7 +141,7 @@ def _upright_internal_reflectance(
     cos = torch.rsqrt(1 + alpha**2 * squared)
     white, passing = (2 * weight * (1 - t) * ends * lobe.smith_g1(2 * cos**2 - 1, alpha, distribution)).unbind()
     outside = (1 - eta**2 * (1 - cos[1] ** 2)).clamp_min(_GRAZING).sqrt()
-    return (white - passing * (1 - fresnel.dielectric(outside, eta))).sum(-1)
+    return (white - passing * fresnel.transmittance(outside, eta)).sum(-1)
 
 
 def _flatter(
@@ -154,7 +160,7 @@ def _unmasked(
     cos_d, alpha = cos_d[..., None], alpha[..., None]
     h_z = torch.rsqrt(1 + alpha**2 * squared)
     upward = cos_d * h_z
-    aside = ((1 - cos_d) * (1 + cos_d)).sqrt() * (alpha * h_z) * turn
+    aside = root((1 - cos_d) * (1 + cos_d)) * (alpha * h_z) * turn
     seen_v, seen_l = lobe.smith_g1(torch.stack([upward + aside, upward - aside]), alpha, distribution).unbind()
     return (weight / h_z * seen_v * seen_l).sum(-1)
 
@@ -178,7 +184,7 @@ def _visible_beckmann(
 ) -> tuple[Float[Tensor, "*p q"], Float[Tensor, "*p q"], Float[Tensor, "*p q"]]:
     """Slopes αx, αy have the density exp(-x²-y²) max(0, cos_v - α sin_v x), up to a factor [Heitz 2014]."""
     along, across, weight = (value.to(cos_v) for value in _SLOPES)
-    tilt = alpha * ((1 - cos_v) * (1 + cos_v)).clamp_min(0).sqrt()
+    tilt = alpha * root((1 - cos_v) * (1 + cos_v))
     steepest = cos_v / torch.maximum(tilt, cos_v / _STEEPEST)  # facets beyond are turned away
     x = along * (steepest + _STEEPEST) - _STEEPEST
     seen = weight * torch.exp(-(x**2)) * (cos_v - tilt * x)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import shutil
 from pathlib import Path
 
@@ -12,9 +13,11 @@ from hypothesis import settings
 # several tests run at once, and the machine is shared: operations that wait for other cores wait long
 torch.set_num_threads(1)
 
-# the same examples on every machine, however slow the first call that compiles or imports something
+# the same examples on every machine, however slow the first call that compiles or imports something; `make stress` has
+# more of them, and other ones each time
 settings.register_profile("steady", deadline=None, derandomize=True)
-settings.load_profile("steady")
+settings.register_profile("long", deadline=None, max_examples=int(os.environ.get("EXAMPLES", "1000")), print_blob=True)
+settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "steady"))
 
 
 @pytest.fixture(scope="session")

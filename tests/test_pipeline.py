@@ -155,6 +155,21 @@ def test_progress_is_told_in_order(iron, tmp_path):
     assert all(0 <= share <= 1 for _, share in told)
 
 
+def test_a_photograph_that_repeats_another_changes_no_number(iron, tmp_path):
+    """Its noise is the same noise; counted again it would make the errors smaller."""
+    (tmp_path / "again").mkdir()
+    for file in iron.parent.glob("*"):
+        if file.is_file():
+            (tmp_path / "again" / file.name).write_bytes(file.read_bytes())
+    head, *views = iron.read_text().split("[[photographs]]")
+    again = tmp_path / "again" / "scene.toml"
+    again.write_text("[[photographs]]".join([head, *views, views[0]]))
+    options = FitOptions(PRESETS["preview"], type="metal")
+    found, once = fit_scene(again, tmp_path / "out", options), fit_scene(iron, tmp_path / "once", options)
+    assert found.materials[0] == once.materials[0]
+    assert "Photographs that repeat an earlier one were left out: view_0." in found.message
+
+
 def test_a_wrong_exposure_is_not_hidden(iron, tmp_path):
     """Three times brighter than it was: F0 of 1.6, which no metal has."""
     scene = iron.with_name("too_bright.toml")

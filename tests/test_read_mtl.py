@@ -452,3 +452,31 @@ def test_every_material_file_at_hand_is_read_or_refused_in_one_sentence(shared_d
     with capfd.disabled():
         print("".join(f"\n  {dialect:10}{what:10}{n:4}" for (dialect, what), n in sorted(count.items())))
     assert count["ordinary", "read"] == count["auto", "read"] == len(paths)  # none of them is broken, or of our dialect
+
+
+@pytest.fixture
+def outsider(tmp_path) -> Path:
+    """An MTL file in a folder of its own, and a picture beside that folder."""
+    Image.fromarray(np.full((2, 2, 3), 200, np.uint8)).save(tmp_path / "secret.png")
+    (tmp_path / "tree").mkdir()
+    return tmp_path / "tree" / "a.mtl"
+
+
+@pytest.mark.parametrize("name", ["../secret.png", "..\\secret.png", "{}/secret.png", "link.png", "../tree/link.png"])
+def test_a_texture_outside_of_the_folder_is_read_only_where_that_is_asked_for(outsider, name):
+    outsider.write_text(f"newmtl a\nKd 1 1 1\nIllum 1\nmap_Kd {name.format(outsider.parent.parent)}\n")
+    (outsider.parent / "link.png").symlink_to(outsider.parent.parent / "secret.png")
+    kept, asked = read_mtl(outsider), read_mtl(outsider, outside=True)
+    assert kept.appearances["a"].maps.color is None
+    assert kept.files == (outsider,)
+    assert kept.remarks == (
+        f"{outsider}: a: map_Kd: is {name.format(outsider.parent.parent)}, expected a texture in the folder"
+        f" {outsider.parent} or below it, or --outside; drawn without it",
+    )
+    assert asked.appearances["a"].maps.color is not None
+    assert len(asked.files) == 2
+
+
+def test_a_texture_beside_the_models_folder_is_in_its_tree(outsider):
+    outsider.write_text("newmtl a\nKd 1 1 1\nIllum 1\nmap_Kd ../secret.png\n")
+    assert read_mtl(outsider, tree=outsider.parent.parent).appearances["a"].maps.color is not None

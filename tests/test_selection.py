@@ -55,6 +55,17 @@ def test_every_chosen_pixel_is_covered_wholly_and_from_the_front():
     assert found.radiance.dtype == torch.float64
 
 
+def test_a_photograph_that_is_left_out_changes_nothing():
+    """Neither is it looked at, nor does it take a share of the pixels."""
+    trace = gbuffer.tracer(Sphere())
+    told = {"count": 300, "footprint": 2, "seed": 0}
+    (one,) = choose_pixels([photograph()], trace, Path("scene.toml"), **told)
+    (two,) = choose_pixels([photograph(), photograph()], trace, Path("scene.toml"), **told, left_out={1})
+    assert one is not None
+    assert two is not None
+    assert torch.equal(one.radiance, two.radiance)
+
+
 def test_angles_are_spread_evenly():
     """A sphere seen from afar shows cos θ with density 2 cos θ; chosen in turn, no bin has more than its share + 1."""
     n_dot_v = choose(photograph(), photograph((4.0, 0.0, 0.0))).surface.n_dot_v.mean(1)

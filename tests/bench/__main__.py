@@ -19,6 +19,7 @@ from tests.bench import (
     coverage,
     frame,
     grid,
+    hard_cases,
     loop,
     parity,
     plan,
@@ -88,6 +89,7 @@ def parts(asked: argparse.Namespace) -> Parts:
             partial(tolerance.rows, selection=whole, repeats=repeats or tolerance.USUAL_REPEATS),
         ),
         "accuracy": ("What accuracy costs in time", partial(accuracy.rows, extent=_extent(asked), out=asked.out)),
+        "hard-cases": ("Hard cases", partial(hard_cases.rows, out=asked.out)),
         "real": (
             "Recovery: a sphere and two meshes, 512 samples",
             partial(grid.every_shape, selection=fewer, shapes=asked.shapes, spp=512),
@@ -140,7 +142,7 @@ def _arguments() -> argparse.Namespace:
     parser.add_argument("--materials", type=listed, default=materials, metavar=",".join(materials), help="of accuracy")
     ladder = ",".join(rung.name for rung in LADDER)
     parser.add_argument("--rungs", type=_rungs, default=LADDER, metavar=ladder, help="of accuracy")
-    parser.add_argument("--out", type=Path, default=ROOT / "docs", help="folder of accuracy's page")
+    parser.add_argument("--out", type=Path, default=ROOT / "docs", help="folder of accuracy's and hard-cases' pages")
     asked = parser.parse_args()
     unknown = set(asked.parts) - set(parts(asked))
     if strange := set(asked.materials) - set(materials):

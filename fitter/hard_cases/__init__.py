@@ -1,0 +1,1 @@
+"""Inputs at which shading models, integrations and fits break down, and what must hold there."""

@@ -1,0 +1,277 @@
+"""Materials at the ends of their domains: silver, air, glass, white, black."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Sequence
+
+import torch
+from torch import Tensor
+
+from fitter.hard_cases import references
+from fitter.hard_cases.claims import FINITE, between, float32, gradient, near, rising, sentence, within
+from fitter.hard_cases.row import Formula, Numbers, Row, grid
+from fitter.parameters import GlossyCoordinates, Interval, MatteCoordinates, MetalCoordinates
+from shaders import diffuse, fresnel, plastic, shade
+from shaders.materials import Metal
+
+COSINES = (0.0, 1e-8, 1e-3, 0.3, 0.8, 0.999, 1.0)
+INDEX = {"cos_d": (0.0, 1.0), "n": (0.0, float("inf")), "k": (0.0, float("inf"))}
+ROUNDINGS = 48  # of the conductor's formulas, each step counted, doubled for two quotients
+
+
+def _metal(
+    name: str, hard: str, n: Sequence[float], k: Sequence[float], slopes: bool = True, scale: float = 1.0
+) -> Row:
+    """F of metals over all angles; `scale` is what it changes over with n and k where that is less than they are."""
+    scales = {"n": scale, "k": scale} if scale < 1 else {}
+    formula = Formula(fresnel.conductor, grid(cos_d=COSINES, n=n, k=k), INDEX, scales)
+    checked = (gradient("n", "k"),) if slopes else ()
+    holds = (FINITE, between(0, 1), near(references.conductor, ROUNDINGS, relative=False), *checked)
+    given = f"n = {_listed(n)}; k = {_listed(k)}; cosθ = {_listed(COSINES)}"
+    return Row(name, hard, given, formula, holds, "Fresnel's amplitudes at 50 digits; finite differences")
+
+
+def _listed(values: Sequence[float]) -> str:
+    return ", ".join(f"{value:g}" for value in values)
+
+
+def _extinction_returns(numbers: Numbers) -> float:
+    """How far F0 comes back from n and k, in units of 1 - F0: worst of many."""
+    worst = 0.0
+    for r, share in itertools.product((1e-6, 0.04, 0.5, 0.99, 1 - 1e-5), (0.0, 0.3, 1.0)):
+        reflectivity = numbers.tensor(r)
+        n = fresnel.index_limit(reflectivity) ** (2 * share - 1)
+        found = fresnel.normal_reflectance(n, fresnel.extinction(reflectivity, n))
+        worst = max(worst, abs(float(found - reflectivity)))
+    return worst
+
+
+def _guarded(color: Tensor, reflectance: Tensor) -> Tensor:
+    """Colour and F together, of one channel."""
+    return diffuse.energy_guard(color[:, None], reflectance[:, None])[:, 0] + reflectance
+
+
+def _guarded_color(color: Tensor, reflectance: Tensor) -> Tensor:
+    return diffuse.energy_guard(color[:, None], reflectance[:, None])[:, 0]
+
+
+def _plastic_albedo(numbers: Numbers) -> float:
+    """By how much more a white plastic sends back than it receives from everywhere: the most of many.
+
+    Its interface mirrors F(µ) where it is smooth; of a rough one only what comes from inside is counted.
+    """
+    worst, (mu, weight) = -1.0, _gauss_legendre(numbers)
+    for eta, alpha in itertools.product((1.0, 1.0001, 1.5, 3.0, 10.0), (0.005, 0.2, 1.0)):
+        index, width = numbers.tensor(eta), numbers.tensor(alpha)
+        passed = plastic.transmittance(mu, index, width, "ggx")
+        sent = passed * plastic.outcoupling(index, width, "ggx") * (2 * weight * mu * passed).sum()
+        mirrored = fresnel.dielectric(mu, index) * (alpha < 0.1) * (mu > 0.1)
+        worst = max(worst, float((sent + mirrored).max()) - 1)
+    return worst
+
+
+def _gauss_legendre(numbers: Numbers) -> tuple[Tensor, Tensor]:
+    import numpy as np
+
+    x, weight = np.polynomial.legendre.leggauss(24)
+    return numbers.tensor((x + 1) / 2), numbers.tensor(weight / 2)
+
+
+def _corners(numbers: Numbers) -> str | None:
+    """Free vectors far beyond everything have finite materials with finite derivatives."""
+    kinds = (MetalCoordinates(Interval(0.005, 1.2, True)), GlossyCoordinates(Interval(0.005, 1.2)), MatteCoordinates())
+    for coordinates in kinds:
+        for corner in itertools.product((-1e3, -30.0, 30.0, 1e3), repeat=2):
+            x = torch.full((coordinates.size,), corner[0], dtype=torch.float64)
+            x[3:] = corner[1]
+            x.requires_grad_()
+            material = coordinates.material(x)
+            told = list(vars(material).values())
+            slope = torch.autograd.grad(torch.stack([value.sum() for value in told]).sum(), x)[0]
+            back = coordinates.free(material)
+            if not all(each.isfinite().all() for each in (*told, slope, back)):
+                return f"{material} at {corner}, with {slope.tolist()} and back {back.tolist()}"
+    return None
+
+
+def _tints_return(numbers: Numbers) -> float:
+    """How far n comes back from its own free vector, relative, also where k is all but 0: worst of many."""
+    coordinates, worst = MetalCoordinates(Interval(0.005, 1.2, True)), 0.0
+    for n, k in itertools.product((0.02, 0.5, 0.999, 1.5, 20.0), (0.0, 1e-9, 1e-4, 1.0, 10.0)):
+        index, extinct = (torch.full((3,), value, dtype=torch.float64) for value in (n, k))
+        metal = Metal(index, extinct, torch.tensor(0.1, dtype=torch.float64))
+        found = coordinates.material(coordinates.free(metal))
+        assert isinstance(found, Metal)
+        worst = max(worst, float((found.n / n - 1).abs().max()), float((found.k - k).abs().max()) / max(n, k, 1))
+    return worst
+
+
+ROWS = (
+    _metal("silver", "n → 0: F is within 1e-7 of 1, its slope by n is what tells n", (1e-6, 0.01, 0.05), (1.0, 4.0)),
+    _metal(
+        "no-absorption",
+        "k = 0, and k that is squared below the smallest number",
+        (1.01, 1.5, 4.0),
+        (0.0, 1e-25),
+        scale=1e-3,
+    ),
+    _metal("strong-metals", "n or k of 10 and more, also n² - k² = 0", (0.5, 10.0, 100.0), (10.0, 100.0)),
+    _metal("n-equals-k", "n² - k² cancels", (1e3, 1e6), (1e3, 1e6)),
+    _metal("air", "n = 1, k = 0: nothing reflects, 0/0 at cosθ = 0", (1.0,), (0.0,), slopes=False),
+    _metal("nearly-air", "(n - 1)² is below the rounding of n² + 1", (1 + 1e-6, 1 - 1e-6), (0.0, 1e-6), slopes=False),
+    _metal(
+        "total-reflection",
+        "cosθ = 0.8 and n = 0.6: a root begins, with an infinite slope",
+        (0.6,),
+        (0.0, 1e-12),
+        slopes=False,
+    ),
+    Row(
+        "absorptance-of-mirrors",
+        "1 - F where F → 1: subtracting F leaves no digit",
+        "n = 1e-6 … 0.05, k = 1, 5; n = 1.5, k = 0; cosθ = 1e-8 … 1",
+        Formula(fresnel.absorptance, grid(cos_d=(1e-8, 1e-4, 0.5, 1.0), n=(1e-6, 0.05, 1.5), k=(1.0, 5.0)), INDEX),
+        (FINITE, between(0, 1), near(references.absorptance, ROUNDINGS), gradient("n", "k")),
+        "Fresnel's amplitudes at 50 digits, relative",
+    ),
+    Row(
+        "reflectance-near-air",
+        "F of 1e-14 is what is left of two numbers near 1",
+        "η = 1 + 1e-6, 1 + 1e-3; cosθ = 0.3, 1",
+        Formula(fresnel.dielectric, grid(cos_d=(0.3, 1.0), ior=(1 + 1e-6, 1 + 1e-3)), {"cos_d": (0, 1)}, {"ior": 1e-7}),
+        (FINITE, near(references.dielectric, 24), gradient()),
+        "Fresnel's amplitudes at 50 digits, relative",
+    ),
+    Row(
+        "dielectric-and-transmittance",
+        "F and 1 - F have to add up to 1 where either is next to nothing",
+        "η = 1 … 1e3, cosθ = 0 … 1",
+        Formula(
+            lambda cos_d, ior: fresnel.dielectric(cos_d, ior) + fresnel.transmittance(cos_d, ior),
+            grid(cos_d=COSINES, ior=(1.0, 1.0001, 1.5, 10.0, 1e3)),
+        ),
+        (FINITE, between(1, 1, roundings=24)),
+        "energy: F + (1 - F) = 1",
+    ),
+    Row(
+        "f0-near-one",
+        "F0 → 1 and → 0: n runs to 1/m and m, k to 0",
+        "F0 = 1e-6 … 1 - 1e-5, n at both limits and between",
+        _extinction_returns,
+        (within(lambda numbers: 64 * numbers.eps),),
+        "F0 put back into n and k gives F0, whose 1 - F0 divides what rounding left",
+    ),
+    Row(
+        "extinction-at-its-end",
+        "k = √0 where n is at its limit, with an infinite slope, and none beyond",
+        "r = 0 … 0.9, n = 0.01 … 100",
+        Formula(fresnel.extinction, grid(r=(0.0, 1e-12, 0.25, 0.9), n=(0.01, 1.0, 3.0, 100.0))),
+        (FINITE, between(0, float("inf"))),
+        "domain: k >= 0",
+    ),
+    Row(
+        "schlick-at-its-ends",
+        "f = 0, f = 1, cosθ = 0, 1",
+        "all four",
+        Formula(
+            fresnel.schlick,
+            grid(cos_d=(0.0, 1e-8, 0.5, 1.0), f0=(0.0, 1e-9, 0.5, 1.0)),
+            {"cos_d": (0, 1), "f0": (0, 1)},
+        ),
+        (FINITE, between(0, 1, roundings=2), gradient(), float32(8)),
+        "float64; finite differences",
+    ),
+    Row(
+        "lazanyi-at-its-ends",
+        "n → 0 and k = 0, where F0 → 1 and → 0",
+        "n = 1e-6, 1, 10; k = 0, 4, 100",
+        Formula(fresnel.lazanyi, grid(cos_d=(0.0, 0.5, 1.0), n=(1e-6, 1.0, 10.0), k=(0.0, 4.0, 100.0)), INDEX),
+        (FINITE, between(0, 1, roundings=8), gradient(), float32(16)),
+        "float64; finite differences",
+    ),
+    Row(
+        "f-falls-towards-the-normal",
+        "Schlick's F is monotone, also where it rounds to 1",
+        "f = 0.9999999, cosθ ascending from 0 to 1",
+        Formula(fresnel.schlick, {"cos_d": [i / 200 for i in range(201)], "f0": [0.9999999] * 201}),
+        (FINITE, rising("cos_d", -1)),
+        "monotone by its formula",
+    ),
+    Row(
+        "color-and-f-are-one",
+        "color + F exactly 1, F = 1, color = 0: the guard's quotient is (1 - F)/color",
+        "color, F in {0, 1e-7, 0.25, 0.5, 0.75, 1}²",
+        Formula(_guarded, grid(color=(0.0, 1e-7, 0.25, 0.5, 0.75, 1.0), reflectance=(0.0, 1e-7, 0.25, 0.5, 0.75, 1.0))),
+        (FINITE, between(0, 1, roundings=4)),
+        "energy: color + F ≤ 1",
+    ),
+    Row(
+        "guard-is-continuous",
+        "color + F passes through 1",
+        "color = 0.5 ± 1e-6 under F = 0.5",
+        Formula(_guarded_color, grid(color=(0.5 - 1e-6, 0.5, 0.5 + 1e-6), reflectance=(0.5,))),
+        (FINITE, between(0.5 - 1e-6, 0.5, roundings=2)),
+        "closed form: min(color, 1 - F)",
+    ),
+    Row(
+        "crease",
+        "a second bounce at F = 0, 1 and ao = 0, 1",
+        "F, ao in {0, 0.5, 1}²",
+        Formula(
+            lambda f, openness: shade.double_bounce(f, openness),
+            grid(f=(0.0, 0.5, 1.0), openness=(0.0, 0.5, 1.0)),
+            {"f": (0, 1), "openness": (0, 1)},
+        ),
+        (FINITE, between(0, 1), gradient()),
+        "finite differences",
+    ),
+    Row(
+        "plastic-without-interface",
+        "η = 1: nothing reflects, inside or outside; alpha = 0.005 … 2; grazing view",
+        "µ = 0, 1e-6, 0.3, 1",
+        Formula(
+            lambda mu, eta, alpha: plastic.transmittance(mu, eta, alpha, "ggx"),
+            grid(mu=(0.0, 1e-6, 0.3, 1.0), eta=(1.0, 1.5, 10.0), alpha=(1e-6, 0.005, 0.3, 2.0)),
+        ),
+        (FINITE, between(0, 1, roundings=64)),
+        "energy",
+    ),
+    Row(
+        "plastic-of-diamond-and-beyond",
+        "η of 10: 1 - R is a hundredth, and what leaves is divided by it",
+        "η = 1.2, 1.6, 2.5, 10; alpha = 0.005 … 1",
+        Formula(
+            lambda eta, alpha: plastic.outcoupling(eta, alpha, "ggx"),
+            grid(eta=(1.2, 1.6, 2.5, 10.0), alpha=(0.005, 0.1, 1.0)),
+            {"eta": (1, 100), "alpha": (0, 2)},
+            {"eta": 0.1, "alpha": 0.005},
+        ),
+        (FINITE, gradient(), float32(2000)),
+        "float64, 1 - R ≥ 1/1000 magnifying roundings of 1; finite differences",
+    ),
+    Row(
+        "plastic-keeps-energy",
+        "a white body under an interface: what is let in, kept inside and mirrored adds up",
+        "η = 1 … 10, alpha = 0.01, 0.2, 1, light from everywhere",
+        _plastic_albedo,
+        (within(lambda numbers: 0.01, "bounded"),),
+        "energy, 1 % being what Mitsuba's R, which this is, may be off",
+    ),
+    Row(
+        "free-vectors-beyond-everything",
+        "a solver's step may go to ±1000, where logistics are 0 and 1 and k = 0",
+        "metal, glossy, matte at ±30, ±1000",
+        _corners,
+        (sentence("finite"),),
+        "finite",
+    ),
+    Row(
+        "metals-return-from-their-free-vector",
+        "k → 0: log n / log m → 1, whose artanh is infinite",
+        "n = 0.02 … 20, k = 0, 1e-9 … 10",
+        _tints_return,
+        (within(lambda numbers: 1e-7),),
+        "the inverse; tanh(30) is 1 less 1e-25, k² = 1e-25 m² being what stands for 0",
+    ),
+)

@@ -1,0 +1,1 @@
+"""Readers of files, fed with what nobody should have written."""
