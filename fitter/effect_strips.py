@@ -59,10 +59,14 @@ def _radiance(planned: PlannedFit, part: FittedPart, surface: GBuffer, without: 
         return drawn() - drawn(_bodiless(material)) if isinstance(material, Glossy) else 0 * drawn()
     if part.polish is None:
         return drawn()
-    occluded = replace(part.setting, occluder=planned.planner.occluder)
+    if without not in ("self-visibility", "interreflection"):
+        return drawn() + part.polish.picture(surface)
+    by_rays = part.setting.effects | {"self-visibility"}  # in place of the paths, which have it with the rest
+    occluded = replace(part.setting, occluder=planned.planner.occluder, effects=by_rays)
+    direct = occluded.radiance(material, surface, SAMPLES)
     if without == "interreflection":
-        return drawn(setting=occluded)
-    hidden = drawn() - occluded.radiance(material, surface, SAMPLES) if without == "self-visibility" else 0
+        return direct
+    hidden = drawn() - direct
     return drawn() + part.polish.picture(surface) + hidden
 
 

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 import torch
 
+from fitter import pipeline
 from fitter.fidelity import PRESETS, preset
 from fitter.pipeline import FitOptions, fit_scene
 from fitter.pixel_model import PixelModel
@@ -177,7 +178,7 @@ def test_what_is_added_is_tangent_to_what_was_computed():
 
 
 @pytest.mark.slow
-def test_paths_that_the_plan_calls_for_remove_what_interreflection_does_to_a_fit(tmp_path):
+def test_paths_that_the_plan_calls_for_remove_what_interreflection_does_to_a_fit(tmp_path, monkeypatch):
     """A gold bowl of alpha 0.3, all of which sees itself. A fit without what that does takes the light that the walls
     hide for a darker metal, by many standard errors; by the plan every number holds the truth within four.
     """
@@ -185,7 +186,10 @@ def test_paths_that_the_plan_calls_for_remove_what_interreflection_does_to_a_fit
     fidelity = replace(PRESETS["standard"], pixels=1500)
     true_f0 = fresnel.normal_reflectance(gold().n, gold().k).numpy()
     found, results = {}, {}
+    drawn, strips = [], pipeline.strips
+    monkeypatch.setattr(pipeline, "strips", lambda *arguments: drawn.extend(strips(*arguments)) or drawn)
     for planned in (False, True):
+        drawn.clear()
         unwanted = () if planned else ("self-visibility", "interreflection")
         options = FitOptions(fidelity, type="metal", unwanted=unwanted)
         results[planned] = fit_scene(scene, tmp_path / str(planned), options)
@@ -193,6 +197,9 @@ def test_paths_that_the_plan_calls_for_remove_what_interreflection_does_to_a_fit
         errors = np.array([*material.f0, material.alpha]) - [*true_f0, ALPHA]
         found[planned] = np.abs(errors) / np.array([*material.stderr.f0, material.stderr.alpha])
         print(planned, material.f0, material.stderr.f0, material.alpha, material.stderr.alpha, found[planned])
+    light = {strip.name: strip.fit[strip.mask].mean() / strip.photograph[strip.mask].mean() for strip in drawn}
+    assert light["self-visibility"] > 1.1  # the walls hide some of the sky,
+    assert light["interreflection"] < 0.9  # and send some light themselves
     assert found[False].max() > 6
     assert (found[True] < 4).all()
     effects = {effect.name: effect.on for effect in results[True].effects}
