@@ -12,6 +12,7 @@ from fitter.fit_options import FitOptions
 from fitter.loading import Loaded
 from fitter.polish import require_polishable
 from fitter.result import MaterialType
+from fitter.selection import FEWEST
 from fitter.setting import Setting
 from renderer.errors import InputError
 from renderer.gbuffer import Tracer
@@ -69,7 +70,7 @@ class Planner:
             blurs=fidelity.blurs,
             reflectance=fidelity.reflectance,
             footprint=fidelity.footprint,
-            untraced=_untraced(types, fidelity),
+            untraced=_untraced(types, fidelity) or self._spared,
             found=found is not None,
         )
         tolerance = options.tolerance or TOLERANCE
@@ -81,6 +82,12 @@ class Planner:
 
         wanted = (*options.wanted, *(("interreflection",) if options.polish else ()))
         return planned(facts, measured, tolerance).overruled(wanted, options.unwanted)
+
+    @property
+    def _spared(self) -> str | None:
+        """Why no paths need be traced, though some pixels see the object: others do not, and can be fitted."""
+        free = 0.0 if self.occluder is None else 1 - self.sample.self_seeing
+        return f"{free:.1%} of the pixels mirror nothing of it, which is enough" if free * FEWEST >= 1 else None
 
     def simulating(self, plan: Plan) -> Setting:
         """The light with what the plan has on."""

@@ -117,7 +117,7 @@ SCENES = {
     "a matte ball with a lamp": PlanScene(BODY | {"pixel-footprint"}, ("matte",), lights=(LAMP,)),
     "a convex mesh of metal": PlanScene(MIRRORING, ("metal",), ball(np.zeros(3), 3)),
     "a bowl of metal": PlanScene(MIRRORING | SELF, ("metal",), golden.bowl(), looks=tuple(golden.looks())),
-    "two balls of metal": PlanScene(MIRRORING | SELF, ("metal",), row_of_balls(2.5)),
+    "two balls of metal": PlanScene(MIRRORING | {"self-visibility"}, ("metal",), row_of_balls(2.5)),
     "two balls of metal, far apart": PlanScene(MIRRORING, ("metal",), row_of_balls(300.0), size=1024),
     "a matte ring": PlanScene(BODY | {"ambient-occlusion"}, ("matte",), torus()),
     "a matte ring with a lamp": PlanScene(
@@ -125,7 +125,7 @@ SCENES = {
     ),
     "a glossy ring": PlanScene(MIRRORING | BODY | {"ambient-occlusion", "self-visibility"}, ("glossy",), torus()),
     "balls of three materials": PlanScene(
-        MIRRORING | BODY | SELF | {"ambient-occlusion"},
+        MIRRORING | BODY | {"ambient-occlusion", "self-visibility"},
         ("metal", "glossy", "matte"),
         row_of_balls(2.2, ("first", "second", "third")),
     ),
