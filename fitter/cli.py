@@ -123,7 +123,9 @@ def _options(
 def export(
     result: Annotated[Path, typer.Argument(metavar="RESULT.json")],
     out: Out,
-    to: Annotated[str, typer.Option(help="Formats, separated by commas: thesis, mtl.")] = "thesis,mtl",
+    to: Annotated[
+        str, typer.Option(help="Formats, separated by commas: thesis, mtl, gltf, materialx, mitsuba, blender.")
+    ] = "thesis,mtl",
 ) -> None:
     """Write the materials of a result in other programs' formats."""
     from fitter.export import export as write

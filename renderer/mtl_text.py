@@ -142,7 +142,7 @@ def found_file(name: str, folder: Path) -> Path | None:
 
 def written_names(names: Iterable[str]) -> list[str]:
     """The names as our MTL files spell them: without blanks and the like, and no two the same."""
-    return _distinct([_safe_name(name) for name in names])
+    return distinct([_safe_name(name) for name in names])
 
 
 def _safe_name(name: str) -> str:
@@ -151,7 +151,7 @@ def _safe_name(name: str) -> str:
     return kept or "unnamed"
 
 
-def _distinct(names: list[str]) -> list[str]:
+def distinct(names: list[str]) -> list[str]:
     """The names, those met before with _2, _3, … behind them."""
     taken: list[str] = []
     for name in names:
