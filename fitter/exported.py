@@ -78,5 +78,5 @@ def index_and_tint(reflectance: Sequence[float]) -> tuple[float, Rgb]:
 
 
 def identifiers(names: Iterable[str]) -> list[str]:
-    """The names as XML formats take them: ASCII letters, digits and _, no digit first, no two the same."""
-    return distinct([re.sub(r"\W|^(?=\d|$)", "_", name, flags=re.ASCII) for name in names])
+    """The names as XML formats take them: ASCII letters, digits and single _, no digit first, no two the same."""
+    return distinct([re.sub(r"[\W_]+|^(?=\d|$)", "_", name, flags=re.ASCII) for name in names])

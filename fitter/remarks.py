@@ -26,12 +26,12 @@ def told_numbers(material: FittedMaterial, key: str) -> Iterator[str]:
 
 
 def _open(material: FittedMaterial, key: str) -> str:
-    """The verdict on what the photographs do not determine, behind the numbers."""
-    verdict = getattr(material.determined, key)
-    if verdict is False:
-        return "; not determined"
-    channels = [name for name, known in zip(CHANNELS, _channels(verdict, 3), strict=True) if known is False]
-    return f"; {', '.join(channels)} not determined" if channels else ""
+    """The verdict on numbers that have an error and are not determined all the same, behind them."""
+    verdicts, errors = (getattr(part, key) for part in (material.determined, material.stderr))
+    names = CHANNELS if isinstance(getattr(material, key), tuple) else (key,)
+    each = zip(names, _channels(verdicts, len(names)), _channels(errors, len(names)), strict=True)
+    unknown = [name for name, known, error in each if known is False and error is not None]
+    return f"; not determined: {', '.join(unknown)}" if unknown else ""
 
 
 def _with_error(value: float, error: float | None, none: str = " (not determined)") -> str:
