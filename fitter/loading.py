@@ -88,7 +88,7 @@ def _require_supported(scene: Scene, scene_file: Path) -> None:
 
 def input_files(scene: Scene, scene_file: Path) -> tuple[InputFile, ...]:
     """The files that a scene names, itself and its photographs among them, with their hashes."""
-    photographs = [path for photograph in scene.photographs for path in (photograph.image, photograph.mask)]
+    photographs = [path for photograph in scene.photographs for path in photograph.files]
     return _hashed([*_beside_photographs(scene, scene_file), *photographs])
 
 

@@ -125,21 +125,61 @@ def _known_encoding(encoding: str) -> str:
     return encoding
 
 
-def _exposure(value: Any) -> float | Literal["fit"]:
-    number = isinstance(value, int | float) and not isinstance(value, bool)
-    if value == "fit" or (number and SMALLEST <= value <= LARGEST):
+Exposure = float | Literal["fit", "exif"] | tuple[float, ...]
+
+
+def _exposure(value: Any) -> Exposure:
+    if isinstance(value, list | tuple):
+        if value and all(map(_is_factor, value)):
+            return tuple(value)
+    elif value in ("fit", "exif") or _is_factor(value):
         return value
-    raise unexpected(f'a number from {SMALLEST:g} to {LARGEST:g}, or "fit"')
+    raise unexpected(f'a number from {SMALLEST:g} to {LARGEST:g}, or "fit", or "exif", or a list beside images')
+
+
+def _is_factor(value: Any) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool) and SMALLEST <= value <= LARGEST
 
 
 class PhotographSpec(Checked):
-    """`[[photographs]]`: an image with its camera, and how its pixels became numbers."""
+    """`[[photographs]]`: an image with its camera, and how its pixels became numbers.
+
+    `images` in place of `image` are several exposures of one view; `image` then is the first of them, and `exposure` a
+    number for each, or "exif", which is what it is if it is not given.
+    """
 
     image: ExistingFile
+    images: Annotated[tuple[ExistingFile, ...], Strict(False)] = ()
     mask: ExistingFile | None = None
     encoding: Annotated[str, AfterValidator(_known_encoding)] | None = None
-    exposure: Annotated[float | Literal["fit"], PlainValidator(_exposure)] = 1.0
+    exposure: Annotated[Exposure, PlainValidator(_exposure)] = 1.0
     camera: CameraSpec
+
+    @model_validator(mode="before")
+    @classmethod
+    def _image_or_images(cls, data: Any) -> Any:
+        if not isinstance(data, dict) or "images" not in data:
+            return data
+        images = data["images"]
+        if not isinstance(images, list | tuple):
+            raise unexpected("a list", key="images", value=images)
+        if "image" in data or not images:
+            raise unexpected("either image, or images with at least one", key="images", value="")
+        return {"exposure": "exif", **data, "image": images[0]}
+
+    @model_validator(mode="after")
+    def _an_exposure_each(self) -> PhotographSpec:
+        count = len(self.exposure) if isinstance(self.exposure, tuple) else None
+        if self.images and self.exposure != "exif" and count != len(self.images):
+            raise unexpected(f'a list of {len(self.images)} numbers, or "exif"', key="exposure", value=self.exposure)
+        if count is not None and not self.images:
+            raise unexpected("one number, or images with as many", key="exposure", value=self.exposure)
+        return self
+
+    @property
+    def files(self) -> tuple[Path, ...]:
+        """Image or images, and the mask if there is one."""
+        return (*(self.images or (self.image,)), *([self.mask] if self.mask else []))
 
 
 class MaterialSpec(Checked):

@@ -10,6 +10,7 @@ from jaxtyping import Bool, Float
 
 from renderer.camera import Camera
 from renderer.errors import InputError
+from renderer.exposures import expose
 from renderer.images import read_image
 from renderer.scene import PhotographSpec, camera_of, read_scene
 from renderer.viewer.look import Comparison
@@ -90,17 +91,17 @@ def read_photograph(spec: PhotographSpec, scene: Path, index: int) -> Photograph
     Raises:
         InputError: a file is missing or unreadable, or the mask has another size.
     """
-    image = read_image(spec.image, spec.encoding)
-    height, width = image.radiance.shape[:2]
-    finite = np.all(np.isfinite(image.radiance), axis=-1)
-    alpha = np.ones((height, width), np.float32) if image.alpha is None else image.alpha
+    seen = expose(spec)
+    finite = seen.finite.numpy()
+    height, width = finite.shape
+    alpha = np.ones((height, width), np.float32) if seen.alpha is None else seen.alpha.numpy()
     white = alpha if spec.mask is None else read_image(spec.mask, "linear").radiance.mean(-1)
     if white.shape != alpha.shape:
         expected = f"{width} × {height} pixels, as its photograph"
         raise InputError(scene, f"photographs[{index}].mask", f"{white.shape[1]} × {white.shape[0]}", expected)
-    known = spec.exposure != "fit"
-    radiance = np.where(finite[..., None], image.radiance, 0) / np.float32(spec.exposure if known else 1)
-    cut_out = image.alpha is not None or spec.mask is not None
+    known = seen.exposure != "fit"
+    radiance = np.where(finite[..., None], seen.radiance.numpy(), 0)
+    cut_out = seen.alpha is not None or spec.mask is not None
     compared = finite & (alpha >= 0.5) & (white >= 0.5)
     return Photograph(spec.image.name, radiance, compared, camera_of(spec.camera, width, height), cut_out, known)
 
