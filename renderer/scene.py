@@ -21,11 +21,12 @@ from pydantic import (
 from torch import Tensor
 
 from renderer.camera import Camera, look_at
-from renderer.checked import Checked, ExistingFile, ExistingPath, RigidMotion, Vector, check, existing_file, unexpected
+from renderer.cameras import read_cameras
+from renderer.checked import Checked, ExistingFile, ExistingPath, RigidMotion, Vector, check, existing_path, unexpected
 from renderer.errors import InputError
 from renderer.images import ENCODING, ENCODING_HELP
+from renderer.lens_spec import LensSpec
 from renderer.mesh import Shape, Sphere, read_mesh
-from renderer.transforms import read_transforms
 
 SMALLEST, LARGEST = 1e-12, 1e12  # of factors on radiances, which are of the order of 1 and float32
 
@@ -95,6 +96,13 @@ class CameraSpec(Checked):
     fov: Annotated[float, Field(ge=0.01, le=179)] = 35.0
     projection: Literal["perspective", "orthographic"] = "perspective"
     scale: PositiveFloat = 1.0
+    lens: LensSpec | None = None
+
+    @model_validator(mode="after")
+    def _one_lens(self) -> CameraSpec:
+        if self.lens is not None and {"fov", "scale", "projection"} & self.model_fields_set:
+            raise unexpected("no fov, scale or projection beside it", key="lens", value="")
+        return self
 
     @model_validator(mode="after")
     def _one_pose(self) -> CameraSpec:
@@ -192,7 +200,7 @@ class MaterialSpec(Checked):
 class Scene(Checked):
     """A whole scene file. Every path is joined to the file's folder, and every photograph has its camera."""
 
-    cameras: ExistingFile | None = None
+    cameras: ExistingPath | None = None
     geometry: GeometrySpec
     environment: EnvironmentSpec
     lights: Annotated[tuple[LightSpec, ...], Strict(False)] = ()
@@ -201,7 +209,7 @@ class Scene(Checked):
 
 
 def read_scene(path: str | Path) -> Scene:
-    """Read and check `scene.toml`, and the `transforms.json` that it may name.
+    """Read and check `scene.toml`, and the file of cameras that it may name.
 
     Raises:
         InputError: about the first thing that is wrong: file, field, value and what was expected.
@@ -209,7 +217,7 @@ def read_scene(path: str | Path) -> Scene:
     path = Path(path)
     data = load_toml(path)
     cameras = data.get("cameras")
-    found = existing_file(cameras, path.parent)
+    found = existing_path(cameras, path.parent)
     if found is not None:
         data = {**data, "photographs": _with_cameras(path, data.get("photographs"), found)}
     return check(Scene, data, path)
@@ -217,7 +225,10 @@ def read_scene(path: str | Path) -> Scene:
 
 def camera_of(spec: CameraSpec, width: int, height: int) -> Camera:
     """The camera of a photograph of `width` × `height` pixels."""
-    return Camera(spec.pose(), width, height, spec.projection, spec.fov, spec.scale)
+    if spec.lens is None or spec.lens.is_pinhole:
+        fov = spec.fov if spec.lens is None else spec.lens.fov
+        return Camera(spec.pose(), width, height, spec.projection, fov, spec.scale)
+    return Camera(spec.pose(), width, height, fov=spec.lens.fov, lens=spec.lens.lens(width, height))
 
 
 def read_shape(spec: GeometrySpec) -> Shape:
@@ -251,10 +262,10 @@ def load_toml(path: Path, what: str = "scene file") -> dict[str, Any]:
 def _with_cameras(path: Path, listed: Any, cameras: Path) -> Any:
     """The photographs' tables: those listed, or the frames' own images, each with its frame's camera."""
     if listed is None:
-        return read_transforms(cameras, images=True)
+        return read_cameras(cameras, None)
     if not (isinstance(listed, list) and all(isinstance(table, dict) for table in listed)):
         return listed  # of the wrong type, which the check of the whole scene says best
-    frames = read_transforms(cameras, images=False)
+    frames = read_cameras(cameras, [_first_image(table) for table in listed])
     if len(listed) != len(frames):
         remedy = f"as many as {cameras.name} has cameras, {len(frames)}"
         raise InputError(path, "photographs", f"a list of {len(listed)}", remedy)
@@ -262,3 +273,9 @@ def _with_cameras(path: Path, listed: Any, cameras: Path) -> Any:
         if "camera" in table:
             raise InputError(path, f"photographs[{index}].camera", expected=f"no camera beside {cameras.name}")
     return [{**table, **frame} for table, frame in zip(listed, frames, strict=True)]
+
+
+def _first_image(table: dict[str, Any]) -> str:
+    """What a photograph's table calls its image, or the first of several; whether it is one, its own check says."""
+    images = table.get("images") or [table.get("image")]
+    return str(images[0] if isinstance(images, list) else images)
