@@ -7,15 +7,19 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
+import numpy as np
 import torch
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 from torch import Tensor
 
 from renderer.clipping import clipped_pixels
 from renderer.errors import InputError
 from renderer.exif import relative_exposure
-from renderer.images import Image, read_image
-from renderer.scene import PhotographSpec
+from renderer.images import Image, decoded, read_image
+from renderer.response import CODES, Curve, fitted_response, through
+from renderer.scene import FITTED, PhotographSpec
+
+TRIED = 20000  # pixels of a view, of which the curve is fitted to some that differ
 
 
 @dataclass(frozen=True)
@@ -50,6 +54,8 @@ def expose(spec: PhotographSpec) -> Exposed:
     exposures = given if isinstance(given, list | tuple) else [given]
     if len(files) == 1:
         return _single(read_image(spec.image, spec.encoding), exposures[0], exposures[0])
+    if spec.encoding == FITTED:
+        return _merged(files, exposures, "linear", _response(files, exposures))
     return _merged(files, exposures, spec.encoding)
 
 
@@ -58,7 +64,31 @@ def _single(image: Image, factor: float, exposure: float | Literal["fit"]) -> Ex
     return Exposed(radiance / factor, _alpha(image), _finite(image), clipped_pixels(image), exposure)
 
 
-def _merged(files: Sequence[Path], exposures: Sequence[float], encoding: str | None) -> Exposed:
+def _response(files: Sequence[Path], exposures: Sequence[float]) -> Curve:
+    """The camera's curve, from pixels by chance."""
+    srgb = decoded(np.arange(CODES, dtype=np.uint8)[None], files[0]).radiance[0, :, 0]
+    first = _codes(files[0])
+    chosen = np.random.default_rng(0).choice(len(first), min(TRIED, len(first)), replace=False)
+    others = []
+    for file in files[1:]:
+        codes = _codes(file)
+        if len(codes) != len(first):
+            raise InputError(file, "size", expected="as many pixels as the first exposure of this view has")
+        others.append(codes[chosen])
+    return fitted_response(np.stack([first[chosen], *others], 1), exposures, srgb, files[0])
+
+
+def _codes(file: Path) -> Int[np.ndarray, "p 3"]:
+    """The file's samples, of which 255 is the largest."""
+    image = read_image(file, "linear")
+    if image.white is None:
+        raise InputError(file, "encoding", '"fit"', '"linear": files of floats and camera raw have no curve')
+    return np.rint(image.radiance.reshape(-1, 3) * (CODES - 1)).astype(int)
+
+
+def _merged(
+    files: Sequence[Path], exposures: Sequence[float], encoding: str | None, curve: Curve | None = None
+) -> Exposed:
     """The radiance that several exposures of one view agree on, each read in its turn.
 
         L = Σ pᵢ / Σ tᵢ    over the exposures t that are not clipped at the pixel
@@ -75,7 +105,8 @@ def _merged(files: Sequence[Path], exposures: Sequence[float], encoding: str | N
         _require_size(image, first, file)
         known = _finite(image)
         usable = known & ~clipped_pixels(image)
-        total += torch.where(usable[..., None], torch.from_numpy(image.radiance), 0.0)
+        pixels = image.radiance if curve is None else through(image.radiance, curve)
+        total += torch.where(usable[..., None], torch.from_numpy(pixels), 0.0)
         weight += usable * exposure
         finite |= known
     unknown = weight == 0

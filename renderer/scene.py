@@ -127,8 +127,11 @@ class CameraSpec(Checked):
         return look_at(origin, target, up)
 
 
+FITTED = "fit"  # an encoding: the camera's curve, by several exposures
+
+
 def _known_encoding(encoding: str) -> str:
-    if not ENCODING.fullmatch(encoding):
+    if encoding != FITTED and not ENCODING.fullmatch(encoding):
         raise unexpected(ENCODING_HELP)
     return encoding
 
@@ -180,6 +183,8 @@ class PhotographSpec(Checked):
         count = len(self.exposure) if isinstance(self.exposure, tuple) else None
         if self.images and self.exposure != "exif" and count != len(self.images):
             raise unexpected(f'a list of {len(self.images)} numbers, or "exif"', key="exposure", value=self.exposure)
+        if self.encoding == FITTED and len(self.images) < 2:
+            raise unexpected("images of several exposures beside it, or a curve", key="encoding", value=FITTED)
         if count is not None and not self.images:
             raise unexpected("one number, or images with as many", key="exposure", value=self.exposure)
         return self

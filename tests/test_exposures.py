@@ -1,6 +1,8 @@
 """Exposures: what EXIF says, which way up a picture is, and several exposures of one view as one radiance map."""
 
+import json
 import logging
+import shutil
 from fractions import Fraction
 
 import numpy as np
@@ -183,6 +185,7 @@ def test_floats_merge_where_one_is_not_finite(tmp_path):
             r'exposure: is .*, expected a list of 2 numbers, or "exif"',
         ),
         ({"images": ["a.png", "a.png"], "exposure": "fit"}, r'exposure: is "fit", expected a list of 2 numbers'),
+        ({"image": "a.png", "encoding": "fit"}, r'encoding: is "fit", expected images of several exposures beside it'),
         ({"image": "a.png", "exposure": [1.0, 2.0]}, r"exposure: is .*, expected one number, or images with as many"),
         ({"images": ["a.png", "b.png"]}, r"images\[1\]: is .*b\.png, expected a file or folder that exists"),
         ({"images": "a.png"}, "images: is .*a.png.*, expected a list"),
@@ -199,3 +202,28 @@ def test_exposures_of_unlike_size(tmp_path):
         PillowImage.new("RGB", size, (9, 9, 9)).save(tmp_path / name)
     with pytest.raises(InputError, match=r"b\.png: size: is 3 × 4 pixels, expected 4 × 3 pixels, as the first"):
         expose(spec(tmp_path, images=["a.png", "b.png"], exposure=[1.0, 2.0]))
+
+
+@pytest.mark.slow
+def test_a_metal_by_three_jpeg_exposures(gold_photographs, tmp_path):
+    """Path-traced gold as a camera would have it: 8 bits, sRGB, shot noise of 1 % at white, the brightest clipped."""
+    from fitter.fidelity import PRESETS
+    from fitter.pipeline import FitOptions, fit_scene
+
+    folder = tmp_path / "scene"
+    shutil.copytree(gold_photographs, folder)
+    text, times, random = (folder / "scene.toml").read_text(), (1 / 16, 1 / 4, 1.0), np.random.default_rng(0)
+    for view in range(2):
+        image = read_image(folder / f"view_{view}.exr")
+        for i, time in enumerate(times):
+            pixels = image.radiance * time
+            pixels = pixels + 0.01 * np.sqrt(pixels) * random.normal(size=pixels.shape)
+            codes = PillowImage.fromarray(srgb_codes(pixels))
+            codes.save(folder / f"{view}_{i}.jpg", exif=exif(time), quality=98, subsampling=0)
+        PillowImage.fromarray((255 * (np.asarray(image.alpha) > 0.999)).astype(np.uint8)).save(folder / f"{view}.png")
+        names = json.dumps([f"{view}_{i}.jpg" for i in range(3)])
+        text = text.replace(f'image = "view_{view}.exr"\nexposure = 1.0', f'images = {names}\nmask = "{view}.png"')
+    (folder / "scene.toml").write_text(text)
+    found = fit_scene(folder / "scene.toml", tmp_path / "fit", FitOptions(PRESETS["preview"], type="metal"))
+    truth = json.loads((folder / "truth.json").read_text())["materials"][0]["f0"]
+    np.testing.assert_allclose(found.materials[0].f0, truth, atol=0.01)  # the figure that was asked for
