@@ -19,6 +19,7 @@ from fitter.command_options import Out
 from fitter.fit_command import DONE, NO_MATERIAL, demo, fit
 from fitter.frontier_command import frontier
 from fitter.printing import flush, say
+from fitter.probe_command import probe
 from fitter.synth_command import synth
 from fitter.view_command import view
 from renderer.errors import InputError
@@ -35,6 +36,7 @@ app = typer.Typer(
 app.command()(view)
 app.command()(advise)
 app.command()(frontier)
+app.command()(probe)
 app.command()(fit)
 app.command()(synth)
 app.command()(demo)

@@ -27,7 +27,8 @@ class Exposed:
     """A photograph as radiance.
 
     Attributes:
-        radiance: linear Rec. 709, float32 [h, w, 3], pixels over the exposure; as the file has it where not finite.
+        radiance: linear Rec. 709, float32 [h, w, 3], pixels over the exposure; not finite, or 0, where `finite`
+            says so.
         alpha: coverage in [0, 1], [h, w]; None where the file has no such channel.
         finite: pixels without NaN or infinity, [h, w].
         clipped: pixels that no exposure holds unclipped, or that have such neighbours, [h, w].
@@ -100,17 +101,22 @@ def _merged(
     total = torch.zeros(first.radiance.shape)
     weight = torch.zeros(first.radiance.shape[:2])
     finite = torch.zeros(weight.shape, dtype=torch.bool)
+    least = total  # what the shortest exposure says, which is all that is known where each is clipped
     for index, (file, exposure) in enumerate(zip(files, exposures, strict=True)):
         image = first if index == 0 else read_image(file, encoding)
         _require_size(image, first, file)
         known = _finite(image)
+        pixels = torch.from_numpy(image.radiance if curve is None else through(image.radiance, curve))
+        pixels = torch.where(known[..., None], pixels, 0.0)
         usable = known & ~clipped_pixels(image)
-        pixels = image.radiance if curve is None else through(image.radiance, curve)
-        total += torch.where(usable[..., None], torch.from_numpy(pixels), 0.0)
+        total = total + usable[..., None] * pixels
         weight += usable * exposure
         finite |= known
+        if exposure == min(exposures):
+            least = pixels / exposure
     unknown = weight == 0
-    return Exposed(total / torch.where(unknown, 1.0, weight)[..., None], _alpha(first), finite, finite & unknown, 1.0)
+    merged = torch.where(unknown[..., None], least, total / torch.where(unknown, 1.0, weight)[..., None])
+    return Exposed(merged, _alpha(first), finite, finite & unknown, 1.0)
 
 
 def _require_size(image: Image, first: Image, file: Path) -> None:
