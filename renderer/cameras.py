@@ -30,3 +30,29 @@ def read_cameras(path: Path, images: Sequence[str] | None) -> list[dict[str, Any
             raise InputError(path, expected="[[photographs]] in the scene, one for each sensor: it names no images")
         return read_sensors(path)
     return read_transforms(path, images=images is None)
+
+
+def with_cameras(scene_file: Path, listed: Any, cameras: Path) -> Any:
+    """The photographs' tables: those that a scene lists, or those of the file's own images, each with its camera.
+
+    Raises:
+        InputError: as `read_cameras`; there are more or fewer photographs than cameras, or one has a camera already.
+    """
+    if listed is None:
+        return read_cameras(cameras, None)
+    if not (isinstance(listed, list) and all(isinstance(table, dict) for table in listed)):
+        return listed  # of the wrong type, which the check of the whole scene says best
+    frames = read_cameras(cameras, [_first_image(table) for table in listed])
+    if len(listed) != len(frames):
+        remedy = f"as many as {cameras.name} has cameras, {len(frames)}"
+        raise InputError(scene_file, "photographs", f"a list of {len(listed)}", remedy)
+    for index, table in enumerate(listed):
+        if "camera" in table:
+            raise InputError(scene_file, f"photographs[{index}].camera", expected=f"no camera beside {cameras.name}")
+    return [{**table, **frame} for table, frame in zip(listed, frames, strict=True)]
+
+
+def _first_image(table: dict[str, Any]) -> str:
+    """What a photograph's table calls its image, or the first of several; whether it is one, its own check says."""
+    images = table.get("images") or [table.get("image")]
+    return str(images[0] if isinstance(images, list) else images)

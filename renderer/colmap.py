@@ -49,17 +49,27 @@ def read_colmap(folder: Path, images: Sequence[str] | None) -> list[dict[str, An
         InputError: a file is missing or no COLMAP's, a camera has other than OpenCV's five distortions, or an image
             is not in the model or, where they are sought, not in a folder `images` beside it.
     """
-    if not any((folder / f"cameras{ending}").is_file() for ending in (".bin", ".txt")):
-        raise InputError(folder, expected="a COLMAP model in this folder, with cameras.bin or cameras.txt")
-    ending = ".bin" if (folder / "cameras.bin").is_file() else ".txt"
-    source, pictures = folder / f"cameras{ending}", folder / f"images{ending}"
-    lenses = dict(_whole(source, _binary_cameras if ending == ".bin" else _text_cameras))
-    views = sorted(_whole(pictures, _binary_views if ending == ".bin" else _text_views))
+    source, pictures = model_files(folder)
+    binary = source.suffix == ".bin"
+    lenses = dict(_whole(source, _binary_cameras if binary else _text_cameras))
+    views = sorted(_whole(pictures, _binary_views if binary else _text_views))
     if images is not None:
         return [{"camera": _camera(_named(views, name, pictures), lenses, source)} for name in images]
     if not views:
         raise InputError(pictures, expected="at least one image")
     return [{"camera": _camera(view, lenses, source), "image": _image(folder, view.name, pictures)} for view in views]
+
+
+def model_files(folder: Path) -> tuple[Path, Path]:
+    """The files of a model that hold its cameras and its images, binary ones first, as COLMAP itself looks for them.
+
+    Raises:
+        InputError: there are none.
+    """
+    for ending in (".bin", ".txt"):
+        if (folder / f"cameras{ending}").is_file():
+            return folder / f"cameras{ending}", folder / f"images{ending}"
+    raise InputError(folder, expected="a COLMAP model in this folder, with cameras.bin or cameras.txt")
 
 
 def _whole(path: Path, parts: Callable[[Path], Iterator[T]]) -> list[T]:

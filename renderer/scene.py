@@ -21,7 +21,7 @@ from pydantic import (
 from torch import Tensor
 
 from renderer.camera import Camera, look_at
-from renderer.cameras import read_cameras
+from renderer.cameras import with_cameras
 from renderer.checked import Checked, ExistingFile, ExistingPath, RigidMotion, Vector, check, existing_path, unexpected
 from renderer.errors import InputError
 from renderer.images import ENCODING, ENCODING_HELP
@@ -224,7 +224,7 @@ def read_scene(path: str | Path) -> Scene:
     cameras = data.get("cameras")
     found = existing_path(cameras, path.parent)
     if found is not None:
-        data = {**data, "photographs": _with_cameras(path, data.get("photographs"), found)}
+        data = {**data, "photographs": with_cameras(path, data.get("photographs"), found)}
     return check(Scene, data, path)
 
 
@@ -262,25 +262,3 @@ def load_toml(path: Path, what: str = "scene file") -> dict[str, Any]:
     except (OSError, ValueError) as error:
         reason = "there is none" if isinstance(error, FileNotFoundError) else error
         raise InputError(path, expected=f"a readable {what} here ({reason})") from None
-
-
-def _with_cameras(path: Path, listed: Any, cameras: Path) -> Any:
-    """The photographs' tables: those listed, or the frames' own images, each with its frame's camera."""
-    if listed is None:
-        return read_cameras(cameras, None)
-    if not (isinstance(listed, list) and all(isinstance(table, dict) for table in listed)):
-        return listed  # of the wrong type, which the check of the whole scene says best
-    frames = read_cameras(cameras, [_first_image(table) for table in listed])
-    if len(listed) != len(frames):
-        remedy = f"as many as {cameras.name} has cameras, {len(frames)}"
-        raise InputError(path, "photographs", f"a list of {len(listed)}", remedy)
-    for index, table in enumerate(listed):
-        if "camera" in table:
-            raise InputError(path, f"photographs[{index}].camera", expected=f"no camera beside {cameras.name}")
-    return [{**table, **frame} for table, frame in zip(listed, frames, strict=True)]
-
-
-def _first_image(table: dict[str, Any]) -> str:
-    """What a photograph's table calls its image, or the first of several; whether it is one, its own check says."""
-    images = table.get("images") or [table.get("image")]
-    return str(images[0] if isinstance(images, list) else images)

@@ -8,6 +8,7 @@ import pytest
 import torch
 from PIL import Image
 
+from fitter.loading import input_files
 from renderer.camera import Camera
 from renderer.errors import InputError
 from renderer.scene import Scene, camera_of, read_scene
@@ -91,6 +92,14 @@ def test_colmap_models_with_their_images(model, project, form):
     assert [photograph.image.name for photograph in found.photographs] == [name.split("/")[1] for name in NAMES]
     for name, photograph in zip(NAMES, found.photographs, strict=True):
         assert_sees_as_colmap(model, name, camera_of(photograph.camera, WIDTH, HEIGHT))
+
+
+def test_a_result_names_the_model_s_files(model, project):
+    written(model, project, "binary")
+    found = scene(project.parents[1], 'cameras = "sparse/0"\n' + HEAD)
+    named = {file.path for file in input_files(found, project.parents[1] / "scene.toml")}
+    assert {str(project / "cameras.bin"), str(project / "images.bin")} < named
+    assert {str(photograph.image) for photograph in found.photographs} < named
 
 
 def test_listed_photographs_have_colmap_s_camera_of_their_name(model, project):
