@@ -21,6 +21,7 @@ from fitter.fit_command import DONE, NO_MATERIAL, demo, fit
 from fitter.frontier_command import frontier
 from fitter.plan_command import plan
 from fitter.printing import flush, say
+from fitter.probe_command import probe
 from fitter.selftest_command import selftest
 from fitter.synth_command import synth
 from fitter.view_command import view
@@ -39,6 +40,7 @@ app.command()(view)
 app.command()(advise)
 app.command()(frontier)
 app.command()(plan)
+app.command()(probe)
 app.command()(fit)
 app.command()(synth)
 app.command()(demo)
@@ -141,7 +143,9 @@ def _options(
 def export(
     result: Annotated[Path, typer.Argument(metavar="RESULT.json")],
     out: Out,
-    to: Annotated[str, typer.Option(help="Formats, separated by commas: thesis, mtl.")] = "thesis,mtl",
+    to: Annotated[
+        str, typer.Option(help="Formats, separated by commas: thesis, mtl, gltf, materialx, mitsuba, blender.")
+    ] = "thesis,mtl",
 ) -> None:
     """Write the materials of a result in other programs' formats."""
     from fitter.export import export as write

@@ -7,15 +7,27 @@ from difflib import get_close_matches
 from pathlib import Path
 from types import MappingProxyType
 
-from fitter.mtl import FLOAT32_MAX, ordinary_mtl, thesis_mtl
+from fitter.blender import blender
+from fitter.gltf import gltf
+from fitter.materialx import materialx
+from fitter.mitsuba_xml import mitsuba_xml
+from fitter.mtl import ordinary_mtl, thesis_mtl
 from fitter.result import FittedMaterial, PerParameter, Result
 from renderer.atomic import replaced_together, write_text_atomically
 from renderer.errors import InputError
+from renderer.mtl_text import FLOAT32_MAX
 
 Writer = Callable[[Sequence[FittedMaterial]], str]
 
 FORMATS: Mapping[str, tuple[str, Writer]] = MappingProxyType(
-    {"thesis": (".thesis.mtl", thesis_mtl), "mtl": (".mtl", ordinary_mtl)}
+    {
+        "thesis": (".thesis.mtl", thesis_mtl),
+        "mtl": (".mtl", ordinary_mtl),
+        "gltf": (".gltf", gltf),
+        "materialx": (".mtlx", materialx),
+        "mitsuba": (".xml", mitsuba_xml),
+        "blender": (".blender.py", blender),
+    }
 )
 """Each format's name on the command line: what its files end with, and what writes their text."""
 
@@ -36,7 +48,7 @@ def export(
 
     Raises:
         InputError: an unknown format, a stem that is no file name, a folder that cannot be written, or a material
-            without a number that its MTL needs (`fitter.mtl`).
+            without a number that the format needs.
     """
     known = [_known(name) for name in formats]
     if Path(stem).name != stem:
@@ -54,7 +66,7 @@ def _written(writer: Writer, materials: Sequence[FittedMaterial], source: str | 
             writer([material])
         except (ValueError, ArithmeticError) as error:
             value = f"{material.type} {material.name!r}"
-            expected = f"numbers that an MTL can hold ({error})"
+            expected = f"numbers that the format can hold ({error})"
             raise InputError(source, f"materials[{index}]{_beyond(material)}", value, expected) from error
     return writer(materials)
 

@@ -6,7 +6,7 @@ import shlex
 import sys
 import time
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -25,10 +25,7 @@ from fitter.progress import progress_bar
 from renderer.errors import InputError
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
-
     from fitter.fidelity import Fidelity
-    from fitter.result import FittedMaterial
 
 BEGUN = time.perf_counter()
 DONE, NO_MATERIAL = 0, 1  # exit codes
@@ -137,27 +134,13 @@ def _fit(
 
 
 def _print_result(result, out: Path) -> None:
+    from fitter.remarks import PARAMETERS, told_numbers
+
     for material in result.materials:
         nearest = f", most like {material.nearest[0].name}" if material.nearest else ""
         say(f"{material.name}: {material.type}{nearest}")
-        for key in ("n", "k", "color", "reflectance", "f0", "alpha", "roughness"):
+        for key in PARAMETERS:
             if getattr(material, key) is not None:
-                say(f"  {key:11}", "   ".join(_numbers(material, key)))
+                say(f"  {key:11}", "   ".join(told_numbers(material, key)))
     say(result.message)
     say(f"report: {out / 'report.html'}")
-
-
-def _numbers(material: FittedMaterial, key: str) -> Iterator[str]:
-    """A parameter's values with their errors; with the word of the catalogue where it is that one's."""
-    parts = [getattr(part, key, None) for part in (material, material.stderr, material.from_prior)]
-    count = 3 if isinstance(parts[0], tuple) else 1
-    for value, error, taken in zip(*(_channels(part, count) for part in parts), strict=True):
-        yield _with_error(value, error) if not taken else f"{_with_error(value, error, '')} (catalogue)"
-
-
-def _with_error(value: float, error: float | None, none: str = " (not determined)") -> str:
-    return f"{value:.4g} ± {error:.4g}" if error is not None else f"{value:.4g}{none}"
-
-
-def _channels(part: Any, count: int) -> Any:
-    return part if isinstance(part, tuple) else (part,) * count

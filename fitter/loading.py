@@ -8,6 +8,7 @@ from pathlib import Path
 
 from fitter.album import Album
 from fitter.result import InputFile, MaterialType, sha256_of
+from renderer.colmap import model_files
 from renderer.environment import Environment, read_environment
 from renderer.errors import InputError
 from renderer.mesh import Mesh, Shape
@@ -110,13 +111,14 @@ def _require_supported(scene: Scene, scene_file: Path) -> None:
 
 def input_files(scene: Scene, scene_file: Path) -> tuple[InputFile, ...]:
     """The files that a scene names, itself and its photographs among them, with their hashes."""
-    photographs = [path for photograph in scene.photographs for path in (photograph.image, photograph.mask)]
+    photographs = [path for photograph in scene.photographs for path in photograph.files]
     return _hashed([*_beside_photographs(scene, scene_file), *photographs])
 
 
 def _beside_photographs(scene: Scene, scene_file: Path) -> list[Path | None]:
     light = scene.environment.map
-    return [scene_file, scene.cameras, scene.geometry.mesh, *(sorted(light.iterdir()) if light.is_dir() else [light])]
+    cameras = model_files(scene.cameras) if scene.cameras is not None and scene.cameras.is_dir() else [scene.cameras]
+    return [scene_file, *cameras, scene.geometry.mesh, *(sorted(light.iterdir()) if light.is_dir() else [light])]
 
 
 def _hashed(paths: Iterable[Path | None]) -> tuple[InputFile, ...]:

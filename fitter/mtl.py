@@ -10,10 +10,10 @@ import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from types import MappingProxyType
-from typing import Any
 
+from fitter.exported import front_color, given, number, numbers
 from fitter.result import FittedMaterial
-from renderer.mtl_text import FLOAT32_MAX, written_names
+from renderer.mtl_text import written_names
 from shaders.materials import TYPE_CODES
 
 ILLUM: Mapping[str, int] = MappingProxyType({"matte": 1, "glossy": 2, "metal": 3})
@@ -64,9 +64,9 @@ def thesis_mtl(
     def body(material: FittedMaterial, files: Maps) -> Lines:
         metal, matte = material.type == "metal", material.type == "matte"
         yield f"Ns {codes[material.type]}"
-        yield _triple("Ka", _given(material, "k" if metal else "reflectance"))
-        yield _triple("Kd", _given(material, "n" if metal else "color"))
-        yield _triple("Ks", [0.0 if matte else _given(material, "roughness")] * 3)
+        yield _triple("Ka", given(material, "k" if metal else "reflectance"))
+        yield _triple("Kd", given(material, "n" if metal else "color"))
+        yield _triple("Ks", [0.0 if matte else given(material, "roughness")] * 3)
         if files.ambient_occlusion:  # before map_Kd: F3D takes whichever comes last for the colour
             yield _texture("map_Ka", files.ambient_occlusion)
         if files.color:
@@ -100,11 +100,11 @@ def ordinary_mtl(materials: Sequence[FittedMaterial], maps: Mapping[str, Maps] =
 
     def body(material: FittedMaterial, files: Maps) -> Lines:
         front, highlight = _ordinary_colors(material)
-        alpha = 1.0 if material.type == "matte" else _given(material, "alpha")
+        alpha = 1.0 if material.type == "matte" else given(material, "alpha")
         yield _triple("Kd", front)
         yield _triple("Ks", highlight)
-        yield f"Ns {_number(_blinn_exponent(alpha))}"
-        yield f"Pr {_number(math.sqrt(alpha))}"
+        yield f"Ns {number(_blinn_exponent(alpha))}"
+        yield f"Pr {number(math.sqrt(alpha))}"
         yield f"Pm {1 if material.type == 'metal' else 0}"
         yield f"illum {ILLUM[material.type]}"
         if files.color:
@@ -117,12 +117,9 @@ def ordinary_mtl(materials: Sequence[FittedMaterial], maps: Mapping[str, Maps] =
 
 def _ordinary_colors(material: FittedMaterial) -> tuple[Sequence[float], Sequence[float]]:
     """Kd and Ks of `ordinary_mtl`: the colours seen from the front, of the body and of the reflection."""
-    if material.type == "metal":
-        return _given(material, "f0"), _given(material, "f0")
-    color, reflectance = _given(material, "color"), _given(material, "reflectance")
-    if material.type == "glossy":
-        return color, reflectance
-    return [c * f for c, f in zip(color, reflectance, strict=True)], [0.0, 0.0, 0.0]
+    reflection = {"metal": "f0", "glossy": "reflectance"}
+    highlight = given(material, reflection[material.type]) if material.type in reflection else [0.0, 0.0, 0.0]
+    return front_color(material), highlight
 
 
 def _blinn_exponent(alpha: float) -> float:
@@ -153,19 +150,5 @@ def _texture(key: str, file: str) -> str:
 
 def _triple(key: str, values: Sequence[float]) -> str:
     """A colour line. Always three numbers: trimesh drops every material of a file where one has fewer."""
-    red, green, blue = (_number(value) for value in values)
-    return f"{key} {red} {green} {blue}"
-
-
-def _number(value: float) -> str:
-    if not abs(value) <= FLOAT32_MAX:  # nan compares false
-        raise ValueError(f"{value} cannot stand in an MTL: expected a finite number of float32's range")
-    return f"{value:.9g}"
-
-
-def _given(material: FittedMaterial, parameter: str) -> Any:
-    """The material's number, or three numbers, which its type has."""
-    value = getattr(material, parameter)
-    if value is None:
-        raise ValueError(f"{material.type} {material.name!r} has no {parameter}, which its MTL needs")
-    return value
+    red, green, blue = values
+    return f"{key} {numbers((red, green, blue))}"

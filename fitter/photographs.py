@@ -12,12 +12,13 @@ from torch import Tensor
 
 from fitter.result import InputFile, sha256_of
 from renderer.camera import Camera
+from renderer.clipping import dilated
 from renderer.errors import InputError
-from renderer.images import Image, read_image
+from renderer.exposures import expose
+from renderer.images import read_image
 from renderer.scene import PhotographSpec, camera_of
 
 FAINTEST, BRIGHTEST = 1e-20, 1e20  # beyond these, squares leave float32
-BLOCK = 8  # pixels; JPEG spreads what is wrong with one over its block
 COVERED = 1 - 1e-3  # alpha of a fully covered pixel, less the rounding of half floats and of many samples' mean
 
 
@@ -31,9 +32,10 @@ class Photograph:
             the file's value is not finite.
         mask: pixels to use, [h, w]: masked in, fully covered, finite and not clipped.
         camera: where it was taken from.
-        exposure: pixel = exposure · radiance; "fit" leaves it to the fit, and `radiance` holds the pixels.
+        exposure: pixel = exposure · radiance; "fit" leaves it to the fit, and `radiance` holds the pixels. 1 where
+            several exposures were merged.
         clipped: pixels left out because a channel of them or of a neighbour is near the largest code of an integer
-            file.
+            file, or its sensor was full, in every exposure.
         nonfinite: pixels left out only because a channel is NaN or infinite.
         inputs: the files that it was read from.
     """
@@ -59,22 +61,19 @@ def read_photograph(spec: PhotographSpec, scene_file: str | Path, index: int = 0
         InputError: a file is missing or unreadable, the mask's size is not the image's, or no pixel is left, or no
             light in those that are.
     """
-    image = read_image(spec.image, spec.encoding)
-    radiance = torch.from_numpy(image.radiance)
+    seen = expose(spec)
+    radiance, finite, clipped = seen.radiance, seen.finite, seen.clipped
     field = f"photographs[{index}]"
     inside = torch.ones(radiance.shape[:2], dtype=torch.bool)
-    if image.alpha is not None:
-        inside &= torch.from_numpy(image.alpha) >= COVERED
+    if seen.alpha is not None:
+        inside &= seen.alpha >= COVERED
     if spec.mask is not None:
         inside &= _mask(spec.mask, radiance.shape[:2], scene_file, f"{field}.mask")
     if not inside.any():
         source = spec.mask or spec.image
         raise InputError(scene_file, field, source.name, "a mask or alpha channel with fully covered pixels")
-    finite = _finite(image, radiance)
-    clipped = _clipped(image, radiance)
     usable = inside & finite & ~clipped
-    factor = 1.0 if spec.exposure == "fit" else spec.exposure
-    radiance = (radiance if finite.all() else torch.where(finite[..., None], radiance, 0.0)) / factor
+    radiance = radiance if finite.all() else torch.where(finite[..., None], radiance, 0.0)
     wrong = _unusable(radiance, inside & finite, usable)
     if wrong is not None:
         raise InputError(scene_file, f"{field}.image", f"{spec.image.name}{wrong[0]}", wrong[1])
@@ -84,7 +83,7 @@ def read_photograph(spec: PhotographSpec, scene_file: str | Path, index: int = 0
         radiance=radiance,
         mask=usable,
         camera=camera_of(spec.camera, width, height),
-        exposure=spec.exposure,
+        exposure=seen.exposure,
         clipped=int((inside & clipped).sum()),
         nonfinite=int((inside & ~finite).sum()),
         inputs=_inputs(spec),
@@ -93,8 +92,7 @@ def read_photograph(spec: PhotographSpec, scene_file: str | Path, index: int = 0
 
 def _inputs(spec: PhotographSpec) -> tuple[InputFile, ...]:
     """Image and mask; the system still has them in memory, so soon after they were read."""
-    given = [path for path in (spec.image, spec.mask) if path is not None]
-    return tuple(InputFile(path=str(path), sha256=sha256_of(path)) for path in given)
+    return tuple(InputFile(path=str(path), sha256=sha256_of(path)) for path in spec.files)
 
 
 def _unusable(
@@ -114,48 +112,10 @@ def _unusable(
     return None
 
 
-def _finite(image: Image, radiance: Float[Tensor, "h w 3"]) -> Bool[Tensor, "h w"]:
-    """Pixels without NaN or infinity, of which integers have none."""
-    if image.white is not None:
-        return torch.ones(radiance.shape[:2], dtype=torch.bool)
-    return radiance.isfinite().all(-1)
-
-
-def _clipped(image: Image, radiance: Float[Tensor, "h w 3"]) -> Bool[Tensor, "h w"]:
-    """Pixels near white and their neighbours: those chosen by their own noise alone would bias the fit."""
-    if image.white is None:
-        return torch.zeros(radiance.shape[:2], dtype=torch.bool)
-    reach = BLOCK if image.lossy else 1
-    return _dilated((radiance >= image.white).any(-1), reach)
-
-
 def _mask(path: Path, size: torch.Size, scene_file: str | Path, field: str) -> Bool[Tensor, "h w"]:
     """White pixels of a mask file that have only white neighbours: a drawn border may be half covered."""
     white = torch.from_numpy(read_image(path, "linear").radiance).mean(-1) > 0.5
     if white.shape != size:
         found = f"{path.name} with {white.shape[1]} × {white.shape[0]} pixels"
         raise InputError(scene_file, field, found, f"the photograph's {size[1]} × {size[0]} pixels")
-    return ~_dilated(~white, 1)
-
-
-def _dilated(mask: Bool[Tensor, "h w"], reach: int) -> Bool[Tensor, "h w"]:
-    """Pixels with a masked one at most `reach` rows and columns away.
-
-    By few shifts of the whole mask, each as far as the one before allows: scipy's filter takes ten times as long, which
-    of large photographs was a quarter of all, and pooling or kornia's dilation hold copies of them.
-    """
-    for axis in (0, 1):
-        reached = 0
-        while reached < reach:
-            step = min(2 * reached + 1, reach - reached)
-            mask, reached = _with_shifts(mask, step, axis), reached + step
-    return mask
-
-
-def _with_shifts(mask: Bool[Tensor, "h w"], step: int, axis: int) -> Bool[Tensor, "h w"]:
-    """The mask, and with it the mask moved by a step either way."""
-    size, grown = mask.shape[axis], mask.clone()
-    step = min(step, size)
-    grown.narrow(axis, step, size - step).logical_or_(mask.narrow(axis, 0, size - step))
-    grown.narrow(axis, 0, size - step).logical_or_(mask.narrow(axis, step, size - step))
-    return grown
+    return ~dilated(~white, 1)

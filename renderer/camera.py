@@ -9,6 +9,8 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
+from renderer.lens import Lens
+
 
 @dataclass(frozen=True)
 class Camera:
@@ -20,6 +22,7 @@ class Camera:
         projection: "perspective" or "orthographic".
         fov: full horizontal angle of view in degrees (perspective).
         scale: half the horizontal extent in world units (orthographic).
+        lens: what takes the place of `fov` for rays where the camera is no centred pinhole (perspective).
     """
 
     camera_to_world: Float[Tensor, "4 4"]
@@ -28,6 +31,7 @@ class Camera:
     projection: Literal["perspective", "orthographic"] = "perspective"
     fov: float = 35.0
     scale: float = 1.0
+    lens: Lens | None = None
 
     def rays(
         self, x: Float[Tensor, "*p"], y: Float[Tensor, "*p"]
@@ -41,18 +45,27 @@ class Camera:
         Returns:
             origins and unit directions in world space, float64.
         """
+        rotation, position = self.camera_to_world[:3, :3], self.camera_to_world[:3, 3]
+        if self.lens is not None:
+            right, down = self.lens.plane(x, y)
+            return _through(position, torch.stack([right, -down, -torch.ones_like(right)], -1), rotation)
         half_width = self.width / 2
         right = (x.double() - half_width) / half_width
         up = (self.height / 2 - y.double()) / half_width
-        rotation, position = self.camera_to_world[:3, :3], self.camera_to_world[:3, 3]
         if self.projection == "orthographic":
             offset = torch.stack([right * self.scale, up * self.scale, torch.zeros_like(right)], -1)
             direction = (-rotation[:, 2]).expand(offset.shape)
             return position + offset @ rotation.T, direction
         tan_half = torch.tan(torch.deg2rad(torch.tensor(self.fov / 2, dtype=torch.float64)))
-        direction = torch.stack([right * tan_half, up * tan_half, -torch.ones_like(right)], -1)
-        direction = torch.nn.functional.normalize(direction, dim=-1) @ rotation.T
-        return position.expand(direction.shape), direction
+        return _through(position, torch.stack([right * tan_half, up * tan_half, -torch.ones_like(right)], -1), rotation)
+
+
+def _through(
+    position: Float[Tensor, "3"], point: Float[Tensor, "*p 3"], rotation: Float[Tensor, "3 3"]
+) -> tuple[Float[Tensor, "*p 3"], Float[Tensor, "*p 3"]]:
+    """Rays from one position through points that are given in the camera's axes."""
+    direction = torch.nn.functional.normalize(point, dim=-1) @ rotation.T
+    return position.expand(direction.shape), direction
 
 
 def look_at(origin: Float[Tensor, "3"], target: Float[Tensor, "3"], up: Float[Tensor, "3"]) -> Float[Tensor, "4 4"]:

@@ -71,13 +71,19 @@ def _existing(path: Path, info: ValidationInfo) -> Path:
     return found
 
 
-def existing_file(path: Any, folder: Path) -> Path | None:
-    """The file of that name in `folder`, as `ExistingFile` finds it; None for whatever that would refuse."""
+def existing_path(path: Any, folder: Path) -> Path | None:
+    """The file or folder of that name in `folder`, as `ExistingPath` finds it; None for whatever that would refuse."""
     try:
         found = folder / Path(path).expanduser()
-        return found if found.is_file() else None
+        return found if found.exists() else None
     except (TypeError, RuntimeError, OSError, ValueError):
         return None
+
+
+def existing_file(path: Any, folder: Path) -> Path | None:
+    """The file of that name in `folder`, as `ExistingFile` finds it; None for whatever that would refuse."""
+    found = existing_path(path, folder)
+    return found if found is not None and found.is_file() else None
 
 
 def _file(path: Path) -> Path:

@@ -9,23 +9,27 @@ from contextlib import contextmanager, redirect_stderr, redirect_stdout
 from dataclasses import dataclass
 from io import StringIO
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
-from jaxtyping import Float, Num, UInt
+from jaxtyping import Bool, Float, Num, UInt
 
 from renderer.atomic import replaced_together
 from renderer.errors import InputError
+from renderer.exif import read_exif, upright
 from renderer.promised import promised_size, require_size
 from renderer.radiance_hdr import read_hdr
+from renderer.raw import ENDINGS, read_raw
 
 ENCODING = re.compile(r"srgb|linear|gamma:(?=.*[1-9])(\d+(?:\.\d+)?)")
 ENCODING_HELP = '"srgb", "linear" or "gamma:" and a positive exponent such as "gamma:2.2"'
 
 WHITE, LOSSY_WHITE = 253.5 / 255, 247.5 / 255  # half a code below 254 and 248 of 255, where clipping is told from
 LOSSY = (".jpg", ".jpeg")
+WITH_EXIF = (*LOSSY, ".png", ".tif", ".tiff")
 
 Samples = Num[np.ndarray, "h w *c"]
+T = TypeVar("T")
 
 
 @dataclass(frozen=True)
@@ -37,29 +41,47 @@ class Image:
         alpha: coverage in [0, 1], float32 [h, w]; None where the file has no such channel.
         white: the radiance from which on a sample may be clipped; None for floating-point files, which do not clip.
         lossy: the file is compressed by blocks, so that a clipped pixel's neighbours are wrong, too.
+        full: of camera raw, pixels whose photosite was full; None for other files, of which `white` tells.
     """
 
     radiance: Float[np.ndarray, "h w 3"]
     alpha: Float[np.ndarray, "h w"] | None = None
     white: float | None = None
     lossy: bool = False
+    full: Bool[np.ndarray, "h w"] | None = None
 
 
 def read_image(path: str | Path, encoding: str | None = None) -> Image:
     """Read an image file as linear radiance.
 
     Args:
-        path: .exr, .hdr, .npy, .png, .jpg, .jpeg, .tif or .tiff.
-        encoding: "srgb", "linear" or "gamma:2.2"; None takes integer samples for sRGB and floats for linear.
+        path: .exr, .hdr, .npy, .png, .jpg, .jpeg, .tif, .tiff, or camera raw (`renderer.raw.ENDINGS`).
+        encoding: "srgb", "linear" or "gamma:2.2"; None takes integer samples for sRGB, floats and raw for linear.
 
     Returns:
-        The image; the largest integer code becomes 1, and alpha is never decoded by the curve.
+        The image, turned as its EXIF orientation says; the largest integer code becomes 1, and alpha is never decoded
+        by the curve.
 
     Raises:
         InputError: the file is missing, broken or of another format, or the encoding is not one of these.
     """
     path = Path(path)
-    return decoded(_read_samples(path), path, encoding)
+    if path.suffix.lower() in ENDINGS:
+        return _developed(path, encoding)
+    samples = _checked(_reader(path), path)
+    if samples.dtype.kind not in "uf":
+        raise InputError(path, "sample type", samples.dtype, "unsigned integers or floats")
+    if path.suffix.lower() in WITH_EXIF:
+        samples = upright(samples, read_exif(path).orientation)
+    return decoded(samples, path, encoding)
+
+
+def _developed(path: Path, encoding: str | None) -> Image:
+    """A camera raw file, which is linear and nothing else."""
+    if encoding not in (None, "linear"):
+        raise InputError(path, "encoding", repr(encoding), '"linear" or none: camera raw has no curve')
+    radiance, full = _checked(read_raw, path)
+    return Image(radiance, full=full)
 
 
 def decoded(samples: Samples, path: Path, encoding: str | None = None) -> Image:
@@ -94,26 +116,28 @@ def write_exr(path: str | Path, pixels: Float[np.ndarray, "h w c"]) -> None:
         OpenEXR.File(header, channels).write(str(folder / path.name))
 
 
-def _read_samples(path: Path) -> Samples:
-    """Samples as stored, unsigned integers or floats; a broken file becomes an InputError."""
+def _reader(path: Path) -> Callable[[Path], Samples]:
+    """What reads the samples of a file of that ending as they are stored, unsigned integers or floats."""
     reader = _READERS.get(path.suffix.lower())
     if reader is None:
         raise InputError(path, "format", path.suffix or "missing", f"one of {' '.join(FORMATS)}")
+    return reader
+
+
+def _checked(reader: Callable[[Path], T], path: Path) -> T:
+    """What the reader makes of a file; a broken file becomes an InputError."""
     if not path.is_file():
         raise InputError(path, expected="an image file here, but there is none")
     try:
         promised = promised_size(path)
         if promised is not None:
             require_size(path, *promised)
-        samples = reader(path)
+        return reader(path)
     except InputError:
         raise
-    except Exception as error:  # the parsers of seven formats raise whatever they like on foreign bytes
+    except Exception as error:  # the parsers of so many formats raise whatever they like on foreign bytes
         reason = f"{error}".partition("\n")[0].strip().rstrip(".") or type(error).__name__
         raise InputError(path, expected=f"a readable {path.suffix[1:].upper()} image ({reason})") from error
-    if samples.dtype.kind not in "uf":
-        raise InputError(path, "sample type", samples.dtype, "unsigned integers or floats")
-    return samples
 
 
 def _read_exr(path: Path) -> Samples:
@@ -214,7 +238,7 @@ _READERS: dict[str, Callable[[Path], Samples]] = {
     ".tiff": _read_tiff,
 }
 
-FORMATS = tuple(_READERS)
+FORMATS = (*_READERS, *ENDINGS)
 
 
 def _values(samples: Samples) -> Float[np.ndarray, "h w *c"]:

@@ -153,7 +153,7 @@ def _lies_in(tree: Path, file: Path) -> bool:
 
 def written_names(names: Iterable[str]) -> list[str]:
     """The names as our MTL files spell them: without blanks and the like, and no two the same."""
-    return _distinct([_safe_name(name) for name in names])
+    return distinct([_safe_name(name) for name in names])
 
 
 def _safe_name(name: str) -> str:
@@ -162,7 +162,7 @@ def _safe_name(name: str) -> str:
     return kept or "unnamed"
 
 
-def _distinct(names: list[str]) -> list[str]:
+def distinct(names: list[str]) -> list[str]:
     """The names, those met before with _2, _3, … behind them."""
     taken: list[str] = []
     for name in names:

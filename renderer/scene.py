@@ -21,11 +21,12 @@ from pydantic import (
 from torch import Tensor
 
 from renderer.camera import Camera, look_at
-from renderer.checked import Checked, ExistingFile, ExistingPath, RigidMotion, Vector, check, existing_file, unexpected
+from renderer.cameras import with_cameras
+from renderer.checked import Checked, ExistingFile, ExistingPath, RigidMotion, Vector, check, existing_path, unexpected
 from renderer.errors import InputError
 from renderer.images import ENCODING, ENCODING_HELP
+from renderer.lens_spec import LensSpec
 from renderer.mesh import Shape, Sphere, read_mesh
-from renderer.transforms import read_transforms
 
 SMALLEST, LARGEST = 1e-12, 1e12  # of factors on radiances, which are of the order of 1 and float32
 
@@ -95,6 +96,13 @@ class CameraSpec(Checked):
     fov: Annotated[float, Field(ge=0.01, le=179)] = 35.0
     projection: Literal["perspective", "orthographic"] = "perspective"
     scale: PositiveFloat = 1.0
+    lens: LensSpec | None = None
+
+    @model_validator(mode="after")
+    def _one_lens(self) -> CameraSpec:
+        if self.lens is not None and {"fov", "scale", "projection"} & self.model_fields_set:
+            raise unexpected("no fov, scale or projection beside it", key="lens", value="")
+        return self
 
     @model_validator(mode="after")
     def _one_pose(self) -> CameraSpec:
@@ -119,27 +127,72 @@ class CameraSpec(Checked):
         return look_at(origin, target, up)
 
 
+FITTED = "fit"  # an encoding: the camera's curve, by several exposures
+
+
 def _known_encoding(encoding: str) -> str:
-    if not ENCODING.fullmatch(encoding):
+    if encoding != FITTED and not ENCODING.fullmatch(encoding):
         raise unexpected(ENCODING_HELP)
     return encoding
 
 
-def _exposure(value: Any) -> float | Literal["fit"]:
-    number = isinstance(value, int | float) and not isinstance(value, bool)
-    if value == "fit" or (number and SMALLEST <= value <= LARGEST):
+Exposure = float | Literal["fit", "exif"] | tuple[float, ...]
+
+
+def _exposure(value: Any) -> Exposure:
+    if isinstance(value, list | tuple):
+        if value and all(map(_is_factor, value)):
+            return tuple(value)
+    elif value in ("fit", "exif") or _is_factor(value):
         return value
-    raise unexpected(f'a number from {SMALLEST:g} to {LARGEST:g}, or "fit"')
+    raise unexpected(f'a number from {SMALLEST:g} to {LARGEST:g}, or "fit", or "exif", or a list beside images')
+
+
+def _is_factor(value: Any) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool) and SMALLEST <= value <= LARGEST
 
 
 class PhotographSpec(Checked):
-    """`[[photographs]]`: an image with its camera, and how its pixels became numbers."""
+    """`[[photographs]]`: an image with its camera, and how its pixels became numbers.
+
+    `images` in place of `image` are several exposures of one view; `image` then is the first of them, and `exposure` a
+    number for each, or "exif", which is what it is if it is not given.
+    """
 
     image: ExistingFile
+    images: Annotated[tuple[ExistingFile, ...], Strict(False)] = ()
     mask: ExistingFile | None = None
     encoding: Annotated[str, AfterValidator(_known_encoding)] | None = None
-    exposure: Annotated[float | Literal["fit"], PlainValidator(_exposure)] = 1.0
+    exposure: Annotated[Exposure, PlainValidator(_exposure)] = 1.0
     camera: CameraSpec
+
+    @model_validator(mode="before")
+    @classmethod
+    def _image_or_images(cls, data: Any) -> Any:
+        if not isinstance(data, dict) or "images" not in data:
+            return data
+        images = data["images"]
+        if not isinstance(images, list | tuple):
+            raise unexpected("a list", key="images", value=images)
+        if "image" in data or not images:
+            raise unexpected("either image, or images with at least one", key="images", value="")
+        return {"exposure": "exif", **data, "image": images[0]}
+
+    @model_validator(mode="after")
+    def _an_exposure_each(self) -> PhotographSpec:
+        count = len(self.exposure) if isinstance(self.exposure, tuple) else None
+        if self.images and self.exposure != "exif" and count != len(self.images):
+            raise unexpected(f'a list of {len(self.images)} numbers, or "exif"', key="exposure", value=self.exposure)
+        if self.encoding == FITTED and len(self.images) < 2:
+            raise unexpected("images of several exposures beside it, or a curve", key="encoding", value=FITTED)
+        if count is not None and not self.images:
+            raise unexpected("one number, or images with as many", key="exposure", value=self.exposure)
+        return self
+
+    @property
+    def files(self) -> tuple[Path, ...]:
+        """Image or images, and the mask if there is one."""
+        return (*(self.images or (self.image,)), *([self.mask] if self.mask else []))
 
 
 class MaterialSpec(Checked):
@@ -152,7 +205,7 @@ class MaterialSpec(Checked):
 class Scene(Checked):
     """A whole scene file. Every path is joined to the file's folder, and every photograph has its camera."""
 
-    cameras: ExistingFile | None = None
+    cameras: ExistingPath | None = None
     geometry: GeometrySpec
     environment: EnvironmentSpec
     lights: Annotated[tuple[LightSpec, ...], Strict(False)] = ()
@@ -161,7 +214,7 @@ class Scene(Checked):
 
 
 def read_scene(path: str | Path) -> Scene:
-    """Read and check `scene.toml`, and the `transforms.json` that it may name.
+    """Read and check `scene.toml`, and the file of cameras that it may name.
 
     Raises:
         InputError: about the first thing that is wrong: file, field, value and what was expected.
@@ -169,15 +222,18 @@ def read_scene(path: str | Path) -> Scene:
     path = Path(path)
     data = load_toml(path)
     cameras = data.get("cameras")
-    found = existing_file(cameras, path.parent)
+    found = existing_path(cameras, path.parent)
     if found is not None:
-        data = {**data, "photographs": _with_cameras(path, data.get("photographs"), found)}
+        data = {**data, "photographs": with_cameras(path, data.get("photographs"), found)}
     return check(Scene, data, path)
 
 
 def camera_of(spec: CameraSpec, width: int, height: int) -> Camera:
     """The camera of a photograph of `width` × `height` pixels."""
-    return Camera(spec.pose(), width, height, spec.projection, spec.fov, spec.scale)
+    if spec.lens is None or spec.lens.is_pinhole:
+        fov = spec.fov if spec.lens is None else spec.lens.fov
+        return Camera(spec.pose(), width, height, spec.projection, fov, spec.scale)
+    return Camera(spec.pose(), width, height, fov=spec.lens.fov, lens=spec.lens.lens(width, height))
 
 
 def read_shape(spec: GeometrySpec) -> Shape:
@@ -206,19 +262,3 @@ def load_toml(path: Path, what: str = "scene file") -> dict[str, Any]:
     except (OSError, ValueError) as error:
         reason = "there is none" if isinstance(error, FileNotFoundError) else error
         raise InputError(path, expected=f"a readable {what} here ({reason})") from None
-
-
-def _with_cameras(path: Path, listed: Any, cameras: Path) -> Any:
-    """The photographs' tables: those listed, or the frames' own images, each with its frame's camera."""
-    if listed is None:
-        return read_transforms(cameras, images=True)
-    if not (isinstance(listed, list) and all(isinstance(table, dict) for table in listed)):
-        return listed  # of the wrong type, which the check of the whole scene says best
-    frames = read_transforms(cameras, images=False)
-    if len(listed) != len(frames):
-        remedy = f"as many as {cameras.name} has cameras, {len(frames)}"
-        raise InputError(path, "photographs", f"a list of {len(listed)}", remedy)
-    for index, table in enumerate(listed):
-        if "camera" in table:
-            raise InputError(path, f"photographs[{index}].camera", expected=f"no camera beside {cameras.name}")
-    return [{**table, **frame} for table, frame in zip(listed, frames, strict=True)]

@@ -13,6 +13,9 @@ from renderer.checked import Checked, RigidMotion, check, existing_file, shorten
 from renderer.errors import InputError
 from renderer.images import FORMATS
 
+OPENCV_MODELS = ("OPENCV", "PINHOLE", "SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL")
+DISTORTION = ("k1", "k2", "p1", "p2", "k3")
+
 
 class _Lens(Checked):
     """What both the file and each of its frames may say about the lens; lengths in pixels."""
@@ -32,6 +35,7 @@ class _Lens(Checked):
     k4: float = 0.0
     p1: float = 0.0
     p2: float = 0.0
+    camera_model: str | None = None
 
 
 class _Frame(_Lens):
@@ -51,15 +55,16 @@ def read_transforms(path: Path, images: bool) -> list[dict[str, Any]]:
         images: look for the image files, too; otherwise only the cameras are given.
 
     Raises:
-        InputError: the file is not such JSON, a matrix is no rigid motion, an image is missing, or the lens
-            is not a centred pinhole with square pixels.
+        InputError: the file is not such JSON, a matrix is no rigid motion, an image is missing, or the lens has
+            other than OpenCV's five distortions.
     """
     transforms = check(_Transforms, _load_json(path), path)
     photographs = []
     for index, frame in enumerate(transforms.frames):
         said = {**transforms.model_dump(exclude_unset=True), **frame.model_dump(exclude_unset=True)}
         lens = _Lens.model_construct(**said)
-        photograph: dict[str, Any] = {"camera": {"matrix": frame.transform_matrix, "fov": _fov(path, index, lens)}}
+        camera = {"matrix": frame.transform_matrix, **_camera(path, index, lens)}
+        photograph: dict[str, Any] = {"camera": camera}
         if images:
             photograph["image"] = _image(path, index, frame.file_path)
         photographs.append(photograph)
@@ -77,25 +82,40 @@ def _load_json(path: Path) -> Any:
         raise InputError(path, expected=f"a readable JSON file ({error})") from None
 
 
-def _fov(path: Path, index: int, lens: _Lens) -> float:
-    """Full horizontal angle in degrees; anything but a centred pinhole is refused, for we would ignore it."""
-    _check_pinhole(path, index, lens)
+def _camera(path: Path, index: int, lens: _Lens) -> dict[str, Any]:
+    """What the frame says of the lens: an angle of view, or intrinsics."""
+    field = f"frames[{index}]"
+    if lens.camera_model is not None and lens.camera_model not in OPENCV_MODELS:
+        expected = f"one of {', '.join(OPENCV_MODELS)}: undistort the images first"
+        raise InputError(path, f"{field}.camera_model", shortened(lens.camera_model), expected)
+    if lens.k4 != 0:
+        raise InputError(path, f"{field}.k4", lens.k4, "0: undistort the images first")
+    if lens.camera_angle_x is None and (lens.fl_x is None or lens.w is None):
+        raise InputError(path, field, expected="camera_angle_x, or fl_x and w, here or in the file")
+    if (
+        any(getattr(lens, key) for key in DISTORTION)
+        or lens.fl_y not in (None, lens.fl_x)
+        or (lens.cx, lens.cy) != (None, None)
+    ):
+        return {"lens": _intrinsics(path, field, lens)}
     if lens.camera_angle_x is not None:
-        return math.degrees(lens.camera_angle_x)
-    if lens.fl_x is None or lens.w is None:
-        raise InputError(path, f"frames[{index}]", expected="camera_angle_x, or fl_x and w, here or in the file")
-    return math.degrees(2 * math.atan(lens.w / (2 * lens.fl_x)))
+        return {"fov": math.degrees(lens.camera_angle_x)}
+    assert lens.fl_x is not None
+    assert lens.w is not None
+    return {"fov": math.degrees(2 * math.atan(lens.w / (2 * lens.fl_x)))}
 
 
-def _check_pinhole(path: Path, index: int, lens: _Lens) -> None:
-    for name in ("k1", "k2", "k3", "k4", "p1", "p2"):
-        if getattr(lens, name) != 0:
-            raise InputError(path, f"frames[{index}].{name}", getattr(lens, name), "0: undistort the images first")
-    for name, centre, size in (("cx", lens.cx, lens.w), ("cy", lens.cy, lens.h)):
-        if centre is not None and size is not None and abs(centre - size / 2) > 0.5:
-            raise InputError(path, f"frames[{index}].{name}", centre, f"the image's centre {size / 2}: crop it so")
-    if lens.fl_x is not None and lens.fl_y is not None and abs(lens.fl_y / lens.fl_x - 1) > 1e-3:
-        raise InputError(path, f"frames[{index}].fl_y", lens.fl_y, f"square pixels, fl_x = {lens.fl_x}")
+def _intrinsics(path: Path, field: str, lens: _Lens) -> dict[str, float]:
+    """The frame's lens as `scene.toml` would have it."""
+    if lens.w is None or lens.h is None:
+        raise InputError(path, field, expected="w and h beside fl_y, cx, cy and distortion, here or in the file")
+    focal = lens.fl_x
+    if focal is None:
+        assert lens.camera_angle_x is not None
+        focal = lens.w / (2 * math.tan(lens.camera_angle_x / 2))
+    given = {"fy": lens.fl_y, "cx": lens.cx, "cy": lens.cy, **{key: getattr(lens, key) for key in DISTORTION}}
+    size = {"width": lens.w, "height": lens.h, "fx": focal}
+    return size | {key: value for key, value in given.items() if value is not None}
 
 
 def _image(path: Path, index: int, file_path: str) -> str:

@@ -20,7 +20,7 @@ import pytest
 import tinyobjloader
 from test_result import result
 
-from fitter import cli, fit_command
+from fitter import cli, remarks
 from fitter.catalogue import metal
 from renderer.images import write_exr
 from renderer.synth import SynthOptions, synthesise
@@ -152,8 +152,8 @@ def test_export_writes_the_same_material_files(done, tmp_path):
 
 
 def test_numbers_are_printed_with_four_digits():
-    assert fit_command._with_error(0.000123456, 1.23456e-7) == "0.0001235 ± 1.235e-07"
-    assert fit_command._with_error(12345.6, None) == "1.235e+04 (not determined)"
+    assert remarks._with_error(0.000123456, 1.23456e-7) == "0.0001235 ± 1.235e-07"
+    assert remarks._with_error(12345.6, None) == "1.235e+04 (not determined)"
 
 
 @pytest.mark.parametrize(

@@ -14,7 +14,7 @@ def test_each_format_is_its_own_file(tmp_path):
 
 
 def test_unknown_format_names_the_nearest(tmp_path):
-    with pytest.raises(InputError, match=r"^--to: is 'tesis', expected one of thesis, mtl; the nearest is thesis"):
+    with pytest.raises(InputError, match=r"^--to: is 'tesis', expected one of thesis, mtl, .*; the nearest is thesis"):
         export(result(), ["mtl", "tesis"], tmp_path / "out", "scene")
     assert not (tmp_path / "out").exists()
 
@@ -33,7 +33,7 @@ def test_all_files_or_none(tmp_path):
 
 def test_numbers_beyond_float32_are_named(tmp_path):
     huge = result(materials=(gold(), gold(n=(1e300, 1.0, 1.0))))
-    with pytest.raises(InputError, match=r"^a\.json: materials\[1\]\.n: is metal .*1e\+300 cannot stand in an MTL"):
+    with pytest.raises(InputError, match=r"^a\.json: materials\[1\]\.n: is metal .*1e\+300 cannot be exported"):
         export(huge, ["mtl", "thesis"], tmp_path, "scene", "a.json")
     assert list(tmp_path.iterdir()) == []
 

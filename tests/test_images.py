@@ -224,7 +224,7 @@ def test_truncated_jpeg_is_refused(tmp_path):
     ("name", "sentence"),
     [
         ("none.png", r"none\.png: expected an image file here, but there is none"),
-        ("photo.cr2", r"photo\.cr2: format: is \.cr2, expected one of \.exr \.hdr \.npy \.png"),
+        ("photo.heic", r"photo\.heic: format: is \.heic, expected one of \.exr \.hdr \.npy \.png"),
         ("noending", r"noending: format: is missing, expected one of"),
     ],
 )

@@ -188,10 +188,15 @@ def test_absurdly_nested_files(write, tmp_path):
         read_scene(path)
 
 
-@pytest.mark.parametrize("name", ["~nosuchuser/x", "x" * 5000, r"a\u0000b", ""])
+@pytest.mark.parametrize("name", ["~nosuchuser/x", "x" * 5000, r"a\u0000b"])
 def test_camera_files_of_impossible_names(write, name):
     with pytest.raises(InputError, match=r"scene\.toml: cameras: is .*, expected a file"):
         read_scene(write(f'cameras = "{name}"\n' + HEAD))
+
+
+def test_cameras_in_a_folder_that_is_no_model(write):
+    with pytest.raises(InputError, match=r"expected a COLMAP model in this folder, with cameras\.bin or cameras"):
+        read_scene(write('cameras = ""\n' + HEAD))
 
 
 @pytest.mark.parametrize("name", ["~nosuchuser/x", "x" * 5000, "a\0b", ""])
@@ -273,7 +278,9 @@ def test_nerfstudio_focal_length(write, where):
     lens = {"fl_x": 100.0, "fl_y": 100.0, "w": 200, "h": 100, "cx": 100, "cy": 50, "camera_model": "OPENCV"}
     frame = {**FRAME, **(lens if where == "frame" else {})}
     scene = read_scene(write(WITH_CAMERAS, {"frames": [frame], **(lens if where == "file" else {})}))
-    assert scene.photographs[0].camera.fov == pytest.approx(90)
+    camera = camera_of(scene.photographs[0].camera, 400, 200)
+    assert camera.fov == pytest.approx(90)
+    assert camera.lens is None
 
 
 def test_listed_photographs_take_cameras_from_the_file(write):
@@ -289,9 +296,16 @@ CAMERA_SLIPS = [
     (WITH_CAMERAS, {"frames": []}, r"transforms\.json: frames: is \[\], expected at least one entry"),
     (WITH_CAMERAS, {"camera_angle_x": 4.0}, r"transforms\.json: camera_angle_x: is 4\.0, expected less than 3\.14"),
     (WITH_CAMERAS, {"camera_angle_x": None}, r"transforms\.json: frames\[0\]: expected camera_angle_x, or fl_x and w"),
-    (WITH_CAMERAS, {"k1": 0.1}, r"transforms\.json: frames\[0\]\.k1: is 0\.1, expected 0: undistort"),
-    (WITH_CAMERAS, {"cx": 3, "w": 10}, r"frames\[0\]\.cx: is 3\.0, expected the image's centre 5\.0"),
-    (WITH_CAMERAS, {"fl_x": 3, "fl_y": 4}, r"frames\[0\]\.fl_y: is 4\.0, expected square pixels"),
+    (WITH_CAMERAS, {"k1": 0.1}, r"transforms\.json: frames\[0\]: expected w and h beside fl_y, cx"),
+    (WITH_CAMERAS, {"cx": 3, "w": 10}, r"frames\[0\]: expected w and h beside fl_y, cx"),
+    (WITH_CAMERAS, {"fl_x": 3, "fl_y": 4}, r"frames\[0\]: expected w and h beside fl_y, cx"),
+    (WITH_CAMERAS, {"k4": 0.1}, r"frames\[0\]\.k4: is 0\.1, expected 0: undistort the images first"),
+    (WITH_CAMERAS, {"camera_model": "OPENCV_FISHEYE"}, r"camera_model: is OPENCV_FISHEYE, expected one of OPENCV, "),
+    (
+        WITH_CAMERAS,
+        {"w": 100, "h": 100, "k1": -3.0},
+        r"photographs\[0\]\.camera\.lens: is .k1 = -3, .*, expected distortion that does not fold the picture over",
+    ),
     (WITH_CAMERAS, {"frames": [{**FRAME, "file_path": "no"}]}, r"frames\[0\]\.file_path: is no, expected an image"),
     (WITH_CAMERAS, {"frames": [{"file_path": "view_0"}]}, r"frames\[0\]\.transform_matrix: expected a value here"),
     (WITH_CAMERAS, {"frames": [{**FRAME, "transform_matrix": POSE[:3]}]}, r"transform_matrix\[3\]: expected a value"),

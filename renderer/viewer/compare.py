@@ -6,11 +6,14 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+import torch
 from jaxtyping import Bool, Float
 
 from renderer.camera import Camera
 from renderer.errors import InputError
+from renderer.exposures import expose
 from renderer.images import read_image
+from renderer.rectified import pinhole, rectified
 from renderer.scene import PhotographSpec, camera_of, read_scene
 from renderer.viewer.look import Comparison
 
@@ -21,6 +24,7 @@ The difference is that of linear radiance, channel by channel, under the exposur
 tone curve would hide it in the lights and swell it in the shadows. More exposure shows smaller differences.
 """
 
+WHOLE = 1 - 1e-5  # of a rectified pixel that lies between compared ones only, but for rounding
 GAP = 4  # pixels between two pictures
 
 
@@ -69,7 +73,7 @@ class Photographs:
         self._scene = scene
         self._specs = read_scene(scene).photographs
         self._read: tuple[int, Photograph] | None = None
-        self.cameras = [camera_of(spec.camera, 1, 1) for spec in self._specs]
+        self.cameras = [pinhole(camera_of(spec.camera, 1, 1)) for spec in self._specs]
 
     def __getitem__(self, index: int) -> Photograph:
         """One photograph.
@@ -85,24 +89,31 @@ class Photographs:
 
 
 def read_photograph(spec: PhotographSpec, scene: Path, index: int) -> Photograph:
-    """Read a photograph and its mask; pixels that are not finite become black and are not compared.
+    """Read a photograph and its mask, as a pinhole would have taken it: OpenGL draws no other lens.
+
+    Pixels that are not finite become black and are not compared.
 
     Raises:
         InputError: a file is missing or unreadable, or the mask has another size.
     """
-    image = read_image(spec.image, spec.encoding)
-    height, width = image.radiance.shape[:2]
-    finite = np.all(np.isfinite(image.radiance), axis=-1)
-    alpha = np.ones((height, width), np.float32) if image.alpha is None else image.alpha
+    seen = expose(spec)
+    finite = seen.finite.numpy()
+    height, width = finite.shape
+    alpha = np.ones((height, width), np.float32) if seen.alpha is None else seen.alpha.numpy()
     white = alpha if spec.mask is None else read_image(spec.mask, "linear").radiance.mean(-1)
     if white.shape != alpha.shape:
         expected = f"{width} × {height} pixels, as its photograph"
         raise InputError(scene, f"photographs[{index}].mask", f"{white.shape[1]} × {white.shape[0]}", expected)
-    known = spec.exposure != "fit"
-    radiance = np.where(finite[..., None], image.radiance, 0) / np.float32(spec.exposure if known else 1)
-    cut_out = image.alpha is not None or spec.mask is not None
+    known = seen.exposure != "fit"
+    radiance = np.where(finite[..., None], seen.radiance.numpy(), 0)
+    cut_out = seen.alpha is not None or spec.mask is not None
     compared = finite & (alpha >= 0.5) & (white >= 0.5)
-    return Photograph(spec.image.name, radiance, compared, camera_of(spec.camera, width, height), cut_out, known)
+    camera = camera_of(spec.camera, width, height)
+    if camera.lens is not None:
+        layers = torch.from_numpy(np.concatenate([radiance, compared[..., None]], -1, dtype=np.float32))
+        straight = rectified(layers, camera).numpy()
+        radiance, compared = straight[..., :3], straight[..., 3] >= WHOLE
+    return Photograph(spec.image.name, radiance, compared, pinhole(camera), cut_out, known)
 
 
 def areas(comparison: Comparison, width: int, height: int, camera: Camera) -> tuple[Area, ...]:

@@ -1,0 +1,138 @@
+"""What a photograph's files say of radiance: one exposure over its factor, or several merged into one."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+import torch
+from jaxtyping import Bool, Float, Int
+from torch import Tensor
+
+from renderer.clipping import clipped_pixels
+from renderer.errors import InputError
+from renderer.exif import relative_exposure
+from renderer.images import Image, decoded, read_image
+from renderer.response import CODES, Curve, fitted_response, through
+from renderer.scene import FITTED, PhotographSpec
+
+TRIED = 20000  # pixels of a view, of which the curve is fitted to some that differ
+
+
+@dataclass(frozen=True)
+class Exposed:
+    """A photograph as radiance.
+
+    Attributes:
+        radiance: linear Rec. 709, float32 [h, w, 3], pixels over the exposure; not finite, or 0, where `finite`
+            says so.
+        alpha: coverage in [0, 1], [h, w]; None where the file has no such channel.
+        finite: pixels without NaN or infinity, [h, w].
+        clipped: pixels that no exposure holds unclipped, or that have such neighbours, [h, w].
+        exposure: what the pixels were divided by, 1 for a merged one; "fit" where it is unknown, and 1 was taken.
+    """
+
+    radiance: Float[Tensor, "h w 3"]
+    alpha: Float[Tensor, "h w"] | None
+    finite: Bool[Tensor, "h w"]
+    clipped: Bool[Tensor, "h w"]
+    exposure: float | Literal["fit"]
+
+
+def expose(spec: PhotographSpec) -> Exposed:
+    """Read the image or images of a photograph.
+
+    Raises:
+        InputError: a file cannot be read, has no EXIF where that is asked for, or another size than the first one.
+    """
+    files = spec.images or (spec.image,)
+    if spec.exposure == "fit":
+        return _single(read_image(spec.image, spec.encoding), 1.0, "fit")
+    given = [relative_exposure(file) for file in files] if spec.exposure == "exif" else spec.exposure
+    exposures = given if isinstance(given, list | tuple) else [given]
+    if len(files) == 1:
+        return _single(read_image(spec.image, spec.encoding), exposures[0], exposures[0])
+    if spec.encoding == FITTED:
+        return _merged(files, exposures, "linear", _response(files, exposures))
+    return _merged(files, exposures, spec.encoding)
+
+
+def _single(image: Image, factor: float, exposure: float | Literal["fit"]) -> Exposed:
+    radiance = torch.from_numpy(image.radiance)
+    return Exposed(radiance / factor, _alpha(image), _finite(image), clipped_pixels(image), exposure)
+
+
+def _response(files: Sequence[Path], exposures: Sequence[float]) -> Curve:
+    """The camera's curve, from pixels by chance."""
+    srgb = decoded(np.arange(CODES, dtype=np.uint8)[None], files[0]).radiance[0, :, 0]
+    first = _codes(files[0])
+    chosen = np.random.default_rng(0).choice(len(first), min(TRIED, len(first)), replace=False)
+    others = []
+    for file in files[1:]:
+        codes = _codes(file)
+        if len(codes) != len(first):
+            raise InputError(file, "size", expected="as many pixels as the first exposure of this view has")
+        others.append(codes[chosen])
+    return fitted_response(np.stack([first[chosen], *others], 1), exposures, srgb, files[0])
+
+
+def _codes(file: Path) -> Int[np.ndarray, "p 3"]:
+    """The file's samples, of which 255 is the largest."""
+    image = read_image(file, "linear")
+    if image.white is None:
+        raise InputError(file, "encoding", '"fit"', '"linear": files of floats and camera raw have no curve')
+    return np.rint(image.radiance.reshape(-1, 3) * (CODES - 1)).astype(int)
+
+
+def _merged(
+    files: Sequence[Path], exposures: Sequence[float], encoding: str | None, curve: Curve | None = None
+) -> Exposed:
+    """The radiance that several exposures of one view agree on, each read in its turn.
+
+        L = Σ pᵢ / Σ tᵢ    over the exposures t that are not clipped at the pixel
+
+    Where noise is the light's own, var pᵢ ∝ tᵢ L, this is the mean weighed by 1/var(pᵢ/tᵢ), whatever the sensor's gain;
+    and as the weights do not depend on the pixels, noise does not bias them [Hasinoff 2010, eq. 5, without read noise].
+    """
+    first = read_image(files[0], encoding)
+    total = torch.zeros(first.radiance.shape)
+    weight = torch.zeros(first.radiance.shape[:2])
+    finite = torch.zeros(weight.shape, dtype=torch.bool)
+    least = total  # what the shortest exposure says, which is all that is known where each is clipped
+    for index, (file, exposure) in enumerate(zip(files, exposures, strict=True)):
+        image = first if index == 0 else read_image(file, encoding)
+        _require_size(image, first, file)
+        known = _finite(image)
+        pixels = torch.from_numpy(image.radiance if curve is None else through(image.radiance, curve))
+        pixels = torch.where(known[..., None], pixels, 0.0)
+        usable = known & ~clipped_pixels(image)
+        total = total + usable[..., None] * pixels
+        weight += usable * exposure
+        finite |= known
+        if exposure == min(exposures):
+            least = pixels / exposure
+    unknown = weight == 0
+    merged = torch.where(unknown[..., None], least, total / torch.where(unknown, 1.0, weight)[..., None])
+    return Exposed(merged, _alpha(first), finite, finite & unknown, 1.0)
+
+
+def _require_size(image: Image, first: Image, file: Path) -> None:
+    height, width = first.radiance.shape[:2]
+    if image.radiance.shape[:2] != (height, width):
+        found = f"{image.radiance.shape[1]} × {image.radiance.shape[0]} pixels"
+        raise InputError(file, "size", found, f"{width} × {height} pixels, as the first exposure of this view has")
+
+
+def _alpha(image: Image) -> Float[Tensor, "h w"] | None:
+    return None if image.alpha is None else torch.from_numpy(image.alpha)
+
+
+def _finite(image: Image) -> Bool[Tensor, "h w"]:
+    """Pixels without NaN or infinity, of which integers have none."""
+    radiance = torch.from_numpy(image.radiance)
+    if image.white is not None:
+        return torch.ones(radiance.shape[:2], dtype=torch.bool)
+    return radiance.isfinite().all(-1)
