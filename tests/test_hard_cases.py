@@ -120,6 +120,7 @@ def test_selftest_as_json(two_rows):
     told = json.loads(found.stdout)
     assert found.exit_code == 1
     assert told["holds"] is False
+    assert told["versions"]["torch"] == torch.__version__
     assert [(row["name"], row["holds"]) for row in told["rows"]] == [("good", True), ("bad", False)]
 
 
