@@ -50,7 +50,8 @@ slow: $(installed)
 	$(bin)/python -m pytest -m slow
 
 stress: $(installed)
-	HYPOTHESIS_PROFILE=long EXAMPLES=$(EXAMPLES) OMP_NUM_THREADS=1 $(bin)/python -m pytest -q tests/test_properties.py
+	HYPOTHESIS_PROFILE=long EXAMPLES=$(EXAMPLES) OMP_NUM_THREADS=1 $(bin)/python -m pytest -q \
+		tests/test_properties.py tests/test_random_scenes.py
 	OMP_NUM_THREADS=1 $(bin)/python -m tests.fuzz
 
 hard-cases: $(installed)

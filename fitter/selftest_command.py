@@ -35,7 +35,7 @@ def selftest(
         from fitter.hard_cases.table import verdicts
         from fitter.pipeline import torch_device
 
-        found = verdicts(torch_device(device), lambda verdict, share: progress(verdict.topic, share))
+        found = verdicts(torch_device(device), lambda verdict, share: progress("hard cases", share))
     seconds = time.perf_counter() - begun
     if as_json:
         say(json.dumps(_record(found, seconds), ensure_ascii=False, allow_nan=False, indent=2))
@@ -53,7 +53,8 @@ def _print(found: list[Verdict], seconds: float) -> None:
             for sentence in each.broken:
                 say(f"  {each.row.name}, {each.numbers}: {sentence}")
     rows, held = len({each.row.name for each in found}), sum(each.holds for each in found)
-    say(f"{held} of {len(found)} runs of {rows} rows hold, in {seconds:.0f} s: {_machine()}")
+    versions = ", ".join(f"{name} {number}" for name, number in _versions().items())
+    say(f"{held} of {len(found)} runs of {rows} rows hold, in {seconds:.0f} s: {_machine()}, {versions}")
 
 
 def _record(found: list[Verdict], seconds: float) -> dict[str, Any]:
@@ -71,14 +72,16 @@ def _record(found: list[Verdict], seconds: float) -> dict[str, Any]:
     return {
         "holds": all(each.holds for each in found),
         "machine": _machine(),
+        "versions": _versions(),
         "seconds": round(seconds, 1),
         "rows": rows,
     }
 
 
 def _machine() -> str:
-    """Processor, Python, and the versions that numbers depend on."""
-    packages = ", ".join(f"{name} {version(name)}" for name in PACKAGES)
-    return (
-        f"{platform.machine()}, {os.cpu_count()} cores, {sys.platform}, Python {platform.python_version()}, {packages}"
-    )
+    return f"{platform.machine()}, {os.cpu_count()} cores, {sys.platform}, Python {platform.python_version()}"
+
+
+def _versions() -> dict[str, str]:
+    """Of the packages that numbers depend on."""
+    return {name: version(name) for name in PACKAGES}

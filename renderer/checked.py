@@ -23,6 +23,8 @@ from renderer.errors import InputError
 
 Model = TypeVar("Model", bound=BaseModel)
 
+DEEPEST = 100  # tables and lists inside each other, beyond which pydantic cannot tell of them; files of ours have five
+
 
 class Checked(BaseModel):
     """A table of an input file: no unknown keys, no silent conversions, no NaN."""
@@ -54,10 +56,21 @@ def check(model: type[Model], data: Any, file: Path) -> Model:
     Raises:
         InputError: about the first thing in `file` that is wrong.
     """
+    if _deeper(data, DEEPEST):
+        raise InputError(file, expected=f"fewer than {DEEPEST} tables or lists inside each other")
     try:
         return model.model_validate(data, context={"folder": file.parent})
     except ValidationError as error:
         raise _input_error(file, error.errors(include_url=False)[0]) from None
+
+
+def _deeper(data: Any, depth: int) -> bool:
+    """Whether more tables and lists than that stand inside each other; without recursion, which would end first."""
+    level = [data]
+    for _ in range(depth):
+        nested = [each.values() if isinstance(each, dict) else each for each in level if isinstance(each, dict | list)]
+        level = [each for values in nested for each in values]
+    return bool(level)
 
 
 def _existing(path: Path, info: ValidationInfo) -> Path:
@@ -149,8 +162,9 @@ def shortened(text: str, length: int = 80) -> str:
 def _rigid(rows: tuple[Row, Row, Row, Row]) -> tuple[Row, Row, Row, Row]:
     matrix = np.array(rows)
     rotation = matrix[:3, :3]
-    turned = np.abs(rotation @ rotation.T - np.eye(3)).max()
-    if turned > 1e-4 or np.linalg.det(rotation) < 0 or np.abs(matrix[3] - [0, 0, 0, 1]).max() > 1e-4:
+    with np.errstate(over="ignore", invalid="ignore"):  # of what is not near 1 anyway
+        turned = np.abs(rotation @ rotation.T - np.eye(3)).max()
+    if not turned <= 1e-4 or np.linalg.det(rotation) < 0 or np.abs(matrix[3] - [0, 0, 0, 1]).max() > 1e-4:
         raise unexpected("a rigid motion: an orthonormal right-handed rotation, and 0 0 0 1 in the last row")
     return rows
 

@@ -242,8 +242,9 @@ FORMATS = (*_READERS, *ENDINGS)
 
 
 def _values(samples: Samples) -> Float[np.ndarray, "h w *c"]:
-    """Samples as floats, of which the largest integer code is 1."""
-    values = samples.astype(np.float32, copy=False)
+    """Samples as floats, of which the largest integer code is 1; infinite where a file of doubles leaves float32."""
+    with np.errstate(over="ignore"):
+        values = samples.astype(np.float32, copy=False)
     return values / np.float32(np.iinfo(samples.dtype).max) if samples.dtype.kind == "u" else values
 
 

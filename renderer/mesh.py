@@ -105,6 +105,8 @@ def _parts(path: Path) -> list[_Part]:
             parts = list(_READERS[path.suffix.lower()](path))
     except InputError:
         raise
+    except ImportError as error:  # trimesh looks for a package that guesses how text is encoded, which this is not
+        raise InputError(path, expected=f"a readable {path.suffix[1:].upper()} mesh") from error
     except Exception as error:  # trimesh raises whatever its parsers run into
         reason = f"{error}".partition("\n")[0].strip().rstrip(".") or type(error).__name__
         raise InputError(

@@ -8,10 +8,10 @@ import pytest
 import torch
 
 from fitter.hard_cases.row import Numbers
-from fitter.hard_cases.table import TOPICS, Verdict
+from fitter.hard_cases.table import ROWS, TOPICS, Verdict
 from renderer.to_mitsuba import variant_here
 from tests.bench import peers
-from tests.bench.hard_cases import page_text
+from tests.bench.hard_cases import MEANINGS, page_text
 from tests.bench.peers import PLACES, Judged, Place
 
 
@@ -50,3 +50,7 @@ def test_the_page_names_every_row_and_what_does_not_hold():
     assert "**not in float64**" in lines["silver"]
     assert f"{len(found) - 1} of {len(found)} runs" in page
     assert page.rstrip().endswith("| peers |")
+
+
+def test_every_word_of_the_table_is_explained():
+    assert {claim.word for row in ROWS for claim in row.holds} == MEANINGS.keys()

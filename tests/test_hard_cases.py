@@ -24,6 +24,12 @@ def test_the_row_holds(row: Row, numbers: Numbers):
     assert row.broken(numbers) == []
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("row", [row for row in table.ROWS if row.once], ids=lambda row: row.name)
+def test_what_the_selftest_runs_once_holds_in_single_precision_too(row: Row):
+    assert row.broken(Numbers(torch.float32)) == []
+
+
 @pytest.mark.skipif(not torch.cuda.is_available(), reason="no GPU here")
 @pytest.mark.parametrize("row", table.ROWS, ids=lambda row: row.name)
 def test_the_row_holds_on_a_gpu(row: Row):
@@ -114,6 +120,7 @@ def test_selftest_as_json(two_rows):
     told = json.loads(found.stdout)
     assert found.exit_code == 1
     assert told["holds"] is False
+    assert told["versions"]["torch"] == torch.__version__
     assert [(row["name"], row["holds"]) for row in told["rows"]] == [("good", True), ("bad", False)]
 
 

@@ -128,6 +128,12 @@ def test_npy_is_linear(tmp_path, shape):
     np.testing.assert_array_equal(read_image(tmp_path / "a.npy").radiance, np.broadcast_to(colour, (4, 6, 3)))
 
 
+def test_doubles_beyond_float32_are_infinite(tmp_path):
+    """Without a warning; who reads them leaves them out and counts them."""
+    np.save(tmp_path / "a.npy", np.array([[1e300, -1e300, 1.0]]))
+    np.testing.assert_array_equal(read_image(tmp_path / "a.npy").radiance[0, :, 0], [np.inf, -np.inf, 1])
+
+
 @pytest.mark.parametrize("suffix", ["png", "tif"])
 def test_sixteen_bits_stay_sixteen_bits(tmp_path, suffix):
     samples = codes((5, 6, 3), 16)

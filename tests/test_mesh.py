@@ -263,3 +263,9 @@ def test_every_mesh_at_hand_is_read_or_refused_in_one_sentence(shared_data, capf
             assert sorted(set(mesh.part)) == list(range(len(mesh.part_names)))  # none without faces
     assert read > 0.75 * len(paths)  # most of them are whole; the rest was made to be broken
     assert capfd.readouterr() == ("", "")
+
+
+def test_bytes_that_are_no_stl_are_refused_without_a_word_about_packages(tmp_path):
+    (tmp_path / "a.stl").write_bytes(b"\0\xffjunk" * 50)
+    with pytest.raises(InputError, match=r"a\.stl: expected a readable STL mesh$"):
+        read_mesh(tmp_path / "a.stl")

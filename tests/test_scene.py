@@ -217,6 +217,13 @@ def test_tables_of_the_wrong_kind(write, place):
         read_scene(write(text))
 
 
+@pytest.mark.parametrize("text", ["[" + ".".join(["a"] * 5000) + "]", "a = " + "[" * 5000, "a = " + "{a=" * 5000])
+def test_tables_inside_each_other(write, text):
+    """A header's dots need no recursion to read, but to tell of."""
+    with pytest.raises(InputError, match=r"expected .* inside each other"):
+        read_scene(write(text + "\n"))
+
+
 @pytest.mark.parametrize(
     "matrix",
     [
@@ -224,6 +231,7 @@ def test_tables_of_the_wrong_kind(write, place):
         np.diag([-1.0, 1, 1, 1]),
         np.diag([1.0, 1, 1, 2]),
         np.array(POSE) + 1e-3 * np.eye(4, k=1),
+        np.full((4, 4), 1e300),  # whose squares overflow
     ],
 )
 def test_matrices_that_are_no_rigid_motion(write, matrix):

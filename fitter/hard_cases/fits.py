@@ -9,7 +9,7 @@ import torch
 from fitter.hard_cases import fit_experiments as made
 from fitter.hard_cases import small_scene
 from fitter.hard_cases.claims import sentence, within
-from fitter.hard_cases.photographs import FINITE_RESULT, undetermined
+from fitter.hard_cases.photograph_experiments import FINITE_RESULT, undetermined
 from fitter.hard_cases.row import Row
 
 SOUND = sentence("finite, no worse, honest")
@@ -64,7 +64,6 @@ ROWS = (
         made.told(made.by_f0_alone),
         (FINITE_RESULT, undetermined("n", "k", words="lies anywhere in")),
         "MODEL.md 1",
-        once=True,
     ),
     Row(
         "one-step",
@@ -81,7 +80,6 @@ ROWS = (
         made.told(steps=1),
         (FINITE_RESULT, undetermined("f0", "n", "k", "alpha", words="stopped in 1 steps")),
         "the status stopped",
-        once=True,
     ),
     Row(
         "nan-beyond-a-cliff",

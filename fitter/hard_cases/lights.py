@@ -130,7 +130,7 @@ ROWS = (
         "the mean of its neighbours, counted",
     ),
     Row(
-        "nan-among-made.suns",
+        "nan-among-suns",
         "the sum of eight bright neighbours overflows, their mean does not",
         "a texel of NaN among texels of 3e38",
         made.read(np.where(made.map_with(r1c2=math.nan) == 1, 3e38, np.nan)),

@@ -2,18 +2,13 @@
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Sequence
 
-import torch
-from torch import Tensor
-
+from fitter.hard_cases import material_experiments as made
 from fitter.hard_cases import references
 from fitter.hard_cases.claims import FINITE, between, float32, gradient, near, rising, sentence, within
-from fitter.hard_cases.row import Formula, Numbers, Row, grid
-from fitter.parameters import GlossyCoordinates, Interval, MatteCoordinates, MetalCoordinates
-from shaders import diffuse, fresnel, plastic, shade
-from shaders.materials import Metal
+from fitter.hard_cases.row import Formula, Row, grid
+from shaders import fresnel, plastic, shade
 
 COSINES = (0.0, 1e-8, 1e-3, 0.3, 0.8, 0.999, 1.0)
 INDEX = {"cos_d": (0.0, 1.0), "n": (0.0, float("inf")), "k": (0.0, float("inf"))}
@@ -34,77 +29,6 @@ def _metal(
 
 def _listed(values: Sequence[float]) -> str:
     return ", ".join(f"{value:g}" for value in values)
-
-
-def _extinction_returns(numbers: Numbers) -> float:
-    """How far F0 comes back from n and k, in units of 1 - F0: worst of many."""
-    worst = 0.0
-    for r, share in itertools.product((1e-6, 0.04, 0.5, 0.99, 1 - 1e-5), (0.0, 0.3, 1.0)):
-        reflectivity = numbers.tensor(r)
-        n = fresnel.index_limit(reflectivity) ** (2 * share - 1)
-        found = fresnel.normal_reflectance(n, fresnel.extinction(reflectivity, n))
-        worst = max(worst, abs(float(found - reflectivity)))
-    return worst
-
-
-def _guarded(color: Tensor, reflectance: Tensor) -> Tensor:
-    """Colour and F together, of one channel."""
-    return diffuse.energy_guard(color[:, None], reflectance[:, None])[:, 0] + reflectance
-
-
-def _guarded_color(color: Tensor, reflectance: Tensor) -> Tensor:
-    return diffuse.energy_guard(color[:, None], reflectance[:, None])[:, 0]
-
-
-def _plastic_albedo(numbers: Numbers) -> float:
-    """By how much more a white plastic sends back than it receives from everywhere: the most of many.
-
-    Its interface mirrors F(µ) where it is smooth; of a rough one only what comes from inside is counted.
-    """
-    worst, (mu, weight) = -1.0, _gauss_legendre(numbers)
-    for eta, alpha in itertools.product((1.0, 1.0001, 1.5, 3.0, 10.0), (0.005, 0.2, 1.0)):
-        index, width = numbers.tensor(eta), numbers.tensor(alpha)
-        passed = plastic.transmittance(mu, index, width, "ggx")
-        sent = passed * plastic.outcoupling(index, width, "ggx") * (2 * weight * mu * passed).sum()
-        mirrored = fresnel.dielectric(mu, index) * (alpha < 0.1) * (mu > 0.1)
-        worst = max(worst, float((sent + mirrored).max()) - 1)
-    return worst
-
-
-def _gauss_legendre(numbers: Numbers) -> tuple[Tensor, Tensor]:
-    import numpy as np
-
-    x, weight = np.polynomial.legendre.leggauss(24)
-    return numbers.tensor((x + 1) / 2), numbers.tensor(weight / 2)
-
-
-def _corners(numbers: Numbers) -> str | None:
-    """Free vectors far beyond everything have finite materials with finite derivatives."""
-    kinds = (MetalCoordinates(Interval(0.005, 1.2, True)), GlossyCoordinates(Interval(0.005, 1.2)), MatteCoordinates())
-    for coordinates in kinds:
-        for corner in itertools.product((-1e3, -30.0, 30.0, 1e3), repeat=2):
-            x = torch.full((coordinates.size,), corner[0], dtype=torch.float64)
-            x[3:] = corner[1]
-            x.requires_grad_()
-            material = coordinates.material(x)
-            told = list(vars(material).values())
-            slope = torch.autograd.grad(torch.stack([value.sum() for value in told]).sum(), x)[0]
-            back = coordinates.free(material)
-            if not all(each.isfinite().all() for each in (*told, slope, back)):
-                return f"{material} at {corner}, with {slope.tolist()} and back {back.tolist()}"
-    return None
-
-
-def _tints_return(numbers: Numbers) -> float:
-    """How far n comes back from its own free vector, relative, also where k is all but 0: worst of many."""
-    coordinates, worst = MetalCoordinates(Interval(0.005, 1.2, True)), 0.0
-    for n, k in itertools.product((0.02, 0.5, 0.999, 1.5, 20.0), (0.0, 1e-9, 1e-4, 1.0, 10.0)):
-        index, extinct = (torch.full((3,), value, dtype=torch.float64) for value in (n, k))
-        metal = Metal(index, extinct, torch.tensor(0.1, dtype=torch.float64))
-        found = coordinates.material(coordinates.free(metal))
-        assert isinstance(found, Metal)
-        worst = max(worst, float((found.n / n - 1).abs().max()), float((found.k - k).abs().max()) / max(n, k, 1))
-    return worst
 
 
 ROWS = (
@@ -158,7 +82,7 @@ ROWS = (
         "f0-near-one",
         "F0 → 1 and → 0: n runs to 1/m and m, k to 0",
         "F0 = 1e-6 … 1 - 1e-5, n at both limits and between",
-        _extinction_returns,
+        made.extinction_returns,
         (within(lambda numbers: 64 * numbers.eps),),
         "F0 put back into n and k gives F0, whose 1 - F0 divides what rounding left",
     ),
@@ -202,7 +126,9 @@ ROWS = (
         "color-and-f-are-one",
         "color + F exactly 1, F = 1, color = 0: the guard's quotient is (1 - F)/color",
         "color, F in {0, 1e-7, 0.25, 0.5, 0.75, 1}²",
-        Formula(_guarded, grid(color=(0.0, 1e-7, 0.25, 0.5, 0.75, 1.0), reflectance=(0.0, 1e-7, 0.25, 0.5, 0.75, 1.0))),
+        Formula(
+            made.guarded, grid(color=(0.0, 1e-7, 0.25, 0.5, 0.75, 1.0), reflectance=(0.0, 1e-7, 0.25, 0.5, 0.75, 1.0))
+        ),
         (FINITE, between(0, 1, roundings=4)),
         "energy: color + F ≤ 1",
     ),
@@ -210,7 +136,7 @@ ROWS = (
         "guard-is-continuous",
         "color + F passes through 1",
         "color = 0.5 ± 1e-6 under F = 0.5",
-        Formula(_guarded_color, grid(color=(0.5 - 1e-6, 0.5, 0.5 + 1e-6), reflectance=(0.5,))),
+        Formula(made.guarded_color, grid(color=(0.5 - 1e-6, 0.5, 0.5 + 1e-6), reflectance=(0.5,))),
         (FINITE, between(0.5 - 1e-6, 0.5, roundings=2)),
         "closed form: min(color, 1 - F)",
     ),
@@ -254,7 +180,7 @@ ROWS = (
         "plastic-keeps-energy",
         "a white body under an interface: what is let in, kept inside and mirrored adds up",
         "η = 1 … 10, alpha = 0.01, 0.2, 1, light from everywhere",
-        _plastic_albedo,
+        made.plastic_albedo,
         (within(lambda numbers: 0.01, "bounded"),),
         "energy, 1 % being what Mitsuba's R, which this is, may be off",
     ),
@@ -262,7 +188,7 @@ ROWS = (
         "free-vectors-beyond-everything",
         "a solver's step may go to ±1000, where logistics are 0 and 1 and k = 0",
         "metal, glossy, matte at ±30, ±1000",
-        _corners,
+        made.corners,
         (sentence("finite"),),
         "finite",
     ),
@@ -270,7 +196,7 @@ ROWS = (
         "metals-return-from-their-free-vector",
         "k → 0: log n / log m → 1, whose artanh is infinite",
         "n = 0.02 … 20, k = 0, 1e-9 … 10",
-        _tints_return,
+        made.tints_return,
         (within(lambda numbers: 1e-7),),
         "the inverse; tanh(30) is 1 less 1e-25, k² = 1e-25 m² being what stands for 0",
     ),

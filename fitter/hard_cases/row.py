@@ -109,7 +109,8 @@ class Row:
         subject: the input itself.
         holds: what must hold.
         reference: what it is held against, which is never this code's own earlier output.
-        once: what it is about is computed in float64 whatever the numbers, so that one run tells all.
+        once: one run, in float64, is enough for a selftest of a minute: the numbers touch next to nothing that the row
+            is about, or it takes seconds, and the tests alone have the other run.
     """
 
     name: str

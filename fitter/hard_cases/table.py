@@ -53,7 +53,7 @@ class Verdict:
 
 
 def runs(device: torch.device) -> list[tuple[str, Row, Numbers]]:
-    """Every row in every kind of numbers in which it says something of its own."""
+    """Every row in float64, and in float32 where it is not for `once`."""
     every = [(topic, row) for topic, rows in TOPICS.items() for row in rows]
     return [
         (topic, row, Numbers(dtype, device)) for topic, row in every for dtype in (DTYPES[1:] if row.once else DTYPES)

@@ -14,6 +14,24 @@ from renderer.atomic import write_text_atomically
 from tests.bench.peers import PLACES, RIGHT, compared
 from tests.bench.setting import header
 
+MEANINGS = {
+    "finite": "no NaN and no infinity, in values and derivatives, or in all that an experiment gives",
+    "bounded": "inside the interval that physics allows, up to rounding",
+    "monotone": "never falls, or never rises, where the formula does not",
+    "near": "no further from the reference than rounding may bring it by its conditioning, or by what is said there",
+    "float32": "the same, float64 being the reference",
+    "gradient": "derivatives are those of differences in float64, to 1e-4, a thousandth of the input's scale apart",
+    "continuous": "no jump, beyond what the slope explains",
+    "invariant": "what should change nothing moves nothing, beyond rounding or a tenth of a standard error",
+    "robust": "one wrong pixel moves no number by its standard error",
+    "honest": "what is not known is not called determined, and the message says why",
+    "finite, no worse, honest": "numbers, a cost no higher than the start's, and a status that is true",
+    "refused": "one sentence says what is wrong",
+    "left out and counted": "without the broken pixel, which the result tells of",
+    "repaired and told": "with another value for the broken texel, which the result tells of",
+}
+"""What the words of "must hold" say."""
+
 
 def rows(variant: str, out: Path) -> Iterator[str]:
     """A line for each row that does not hold; then the page, which is written as `hard-cases.md`."""
@@ -40,7 +58,9 @@ def page_text(found: list[Verdict], peers: list[str], measured: str, command: st
         *measured.strip().splitlines(),
         "",
         f"{len(ROWS)} rows; {held} of {len(found)} runs in float32 and float64 hold. `fit-material selftest` runs them"
-        " on your machine, `tests/test_hard_cases.py` before every change.",
+        " on your machine, `tests/test_hard_cases.py` before every change. What must hold, in words:",
+        "",
+        *(f"- *{word}*: {meaning}." for word, meaning in MEANINGS.items()),
         "",
     ]
     for topic, rows in TOPICS.items():

@@ -31,8 +31,9 @@ _MARKS = (
 _BYTES = (b"\xff", b"\xef\xbb\xbf", b"\xff\xfe", "ä€😀".encode(), b"9" * 30, b"a" * 5000)
 _PATHS = (b"../", b"..\\", b"../secret.png", b"/etc/passwd", b"~root/x", b"NUL", b"%s%n", b"true", b"null")
 _KEYS = (b"mtllib ", b"usemtl ", b"newmtl ", b"map_Kd ", b"-bm 2 ", b"-s 1 1 1 ", b"Ns 2", b"Kd 1", b"spectral")
+_DEEP = (b"[" + b".".join([b"a"] * 2000) + b"]\n", b"[" * 2000, b'{"a":' * 2000)
 _LINES = (b"f 1 2 3", b"f 0 0 0", b"f -1 -2 -3", b"f 1/1/1 2//2 3", b"v 1 2", b"v nan 0 0")
-TOKENS = (*_NUMBERS, *_MARKS, *_BYTES, *_PATHS, *_KEYS, *_LINES)
+TOKENS = (*_NUMBERS, *_MARKS, *_BYTES, *_PATHS, *_KEYS, *_LINES, *_DEEP)
 
 Mutation = Callable[[bytes, Random, Sequence[bytes]], bytes]
 
