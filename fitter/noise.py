@@ -18,6 +18,7 @@ MAD_TO_SIGMA = 1.4826  # of a normal distribution: 1/Φ⁻¹(¾)
 DARKEST = 0.05  # of the median radiance, below which noise is no longer taken to be relative
 NEIGHBOURS = 32  # their 3 × 3 covariance costs a tenth of what is to be known, and they still lie within one lamp
 APART = 3.0  # of view directions against normals, as distances: pixels of one photograph are neighbours first
+ROUNDING = 1e-13  # of a covariance from so many neighbours in float64, over its trace
 OUTLIER = 10.0  # median distances beyond which a neighbour counts no more for being still further off
 
 
@@ -56,7 +57,9 @@ def local_whitening(
     level = _level(picture)
     of_neighbours = _without_outliers((difference / level)[neighbours])
     covariance = torch.einsum("pqi,pqj->pij", of_neighbours, of_neighbours) / of_neighbours.shape[1]
-    covariance = covariance + least**2 * torch.eye(3, dtype=covariance.dtype)
+    # Differences that are alike in all channels and large leave no rank but that of rounding, which may be negative.
+    floor = least**2 + ROUNDING * covariance.diagonal(dim1=1, dim2=2).sum(1)
+    covariance = covariance + floor[:, None, None] * torch.eye(3, dtype=covariance.dtype)
     lower = torch.linalg.cholesky(covariance)
     brightness = level[neighbours].mean(1)
     return torch.linalg.solve_triangular(lower, torch.diag_embed(1 / brightness), upper=False)

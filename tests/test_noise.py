@@ -106,3 +106,18 @@ def test_noiseless_photographs_have_finite_weights():
     nothing = torch.zeros(len(surface.hit), 3).double()
     found = local_whitening(nothing, 1 + nothing, neighbours_of(surface), 1e-6)
     torch.testing.assert_close(found, 1e6 * torch.eye(3).double().expand_as(found))
+
+
+@pytest.mark.parametrize("size", [1.0, 1e4, 1e8])
+def test_differences_of_one_rank_are_whitened(size):
+    """A grey error many times the picture: the covariance has one eigenvalue and rounding. Along it the whitening makes
+    the variance 1; the share of rounding, 3e-13 against 1, tells it to 1e-6."""
+    generator = torch.Generator().manual_seed(3)
+    shape = torch.tensor([0.3, 0.6, 0.5], dtype=torch.float64)
+    difference = size * torch.randn(200, 1, generator=generator, dtype=torch.float64) * shape
+    picture, neighbours = torch.ones_like(difference), torch.randint(200, (200, 32), generator=generator)
+    found = local_whitening(difference, picture, neighbours, 1e-6)
+    assert found.isfinite().all()
+    cut = (difference[neighbours].norm(dim=-1)).square().mean(1).sqrt()  # no outlier among normal numbers
+    whitened = torch.einsum("prc,c->pr", found, shape / shape.norm()).norm(dim=-1) * cut
+    torch.testing.assert_close(whitened, torch.ones_like(whitened), rtol=1e-3, atol=0)
