@@ -52,11 +52,9 @@ def middle(surface: GBuffer) -> GBuffer:
 
     The mean of places would lie below a curved surface.
     """
-    normal, view = (
-        torch.nn.functional.normalize(each.mean(1, keepdim=True), dim=-1) for each in (surface.normal, surface.view)
-    )
-    nearest = (surface.view * view).sum(-1).argmax(1)
-    return replace(surface[torch.arange(len(nearest)), nearest][:, None], normal=normal, view=view)
+    mean = Rays(surface.normal, surface.view).mean
+    nearest = (surface.view * mean.view).sum(-1).argmax(1)
+    return replace(surface[torch.arange(len(nearest)), nearest][:, None], normal=mean.normal, view=mean.view)
 
 
 def strata_of(surface: GBuffer, alpha: float, samples: int) -> Int[Tensor, " p"]:
@@ -87,17 +85,33 @@ def rays_of(surface: GBuffer, strata: int) -> int:
     return surface.hit.shape[1] if surface.hit.shape[1] < FEW else 2 * strata**2
 
 
-def places(numbers: Int[Tensor, " p"], strata: int, seed: int) -> Float[Tensor, "p r 2"]:
-    """Row and column within each pixel, in (0, 1), of rays all over it: two jittered grids.
+@dataclass(frozen=True)
+class Places:
+    """Where rays run through pixels: in each, two jittered grids that its own shift moves within their strata.
 
-    Every pixel's are shifted within their strata by its own [Cranley & Patterson 1976], which follows from its number
-    and the seed alone.
+    Attributes:
+        strata: along each side of a pixel.
+        jitter: of the rays within their strata, the same in every pixel.
+        shift: each pixel's own [Cranley & Patterson 1976].
     """
-    generator = torch.Generator().manual_seed(seed)
-    cell = torch.stack(torch.meshgrid(torch.arange(strata), torch.arange(strata), indexing="ij"), -1).reshape(-1, 2)
-    jitter = torch.rand(2 * strata**2, 2, generator=generator)
-    shift = torch.rand(1 + int(numbers.max()), 2, generator=generator)[numbers]
-    return (cell.repeat(2, 1) + (jitter + shift[:, None]) % 1) / strata
+
+    strata: int
+    jitter: Float[Tensor, "r 2"]
+    shift: Float[Tensor, "p 2"]
+
+    @staticmethod
+    def draw(numbers: Int[Tensor, " p"], strata: int, seed: int) -> Places:
+        """Places that follow from the pixels' numbers and the seed alone."""
+        generator = torch.Generator().manual_seed(seed)
+        jitter = torch.rand(2 * strata**2, 2, generator=generator)
+        shift = torch.rand(1 + int(numbers.max()), 2, generator=generator)[numbers]
+        return Places(strata, jitter, shift)
+
+    def __getitem__(self, chosen: Tensor | slice) -> Float[Tensor, "p r 2"]:
+        """Row and column of each ray within the chosen pixels, in (0, 1)."""
+        along = torch.arange(self.strata)
+        cell = torch.stack(torch.meshgrid(along, along, indexing="ij"), -1).reshape(-1, 2)
+        return (cell.repeat(2, 1) + (self.jitter + self.shift[chosen, None]) % 1) / self.strata
 
 
 def spread_places(positions: Float[Tensor, "p k 3"], place: Float[Tensor, "p r 2"]) -> Float[Tensor, "p r 3"]:
@@ -120,7 +134,7 @@ def filled(surface: GBuffer, place: Float[Tensor, "p r 2"]) -> Rays:
 
     Args:
         surface: [p, side²] of `gbuffer.pixel_footprints`.
-        place: of each ray; see `places`.
+        place: of each ray; see `Places`.
 
     Returns:
         [p, r] rays; those traced where they are fewer than `FEW` per pixel.

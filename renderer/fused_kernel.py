@@ -20,8 +20,8 @@ from renderer.fused_light import FusedLight, Looked
 from renderer.fused_lobe import View, reflected, sample_visible_normals, visible_normal_density
 from renderer.fused_occlusion import Blocked
 from renderer.fused_random import Draws
-from renderer.fused_table import PackedRays
 from renderer.lamp_blocks import EVEN
+from renderer.packed_rays import PackedRays
 from shaders.lobe import Distribution
 
 Free = Callable[[Array3f], Any]

@@ -9,18 +9,17 @@ from __future__ import annotations
 import functools
 import math
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
 
 import torch
 from jaxtyping import Float, Int
 from torch import Tensor
 
 from renderer.environment import Environment
-from renderer.footprint import Rays, filled, places, rays_of, spread_places
+from renderer.footprint import Places, filled, rays_of, spread_places
 from renderer.gbuffer import GBuffer
 from renderer.lamps import along_z_order
-from renderer.lobe_sampling import frames as frames_of
 from renderer.occlusion import Occluder
+from renderer.packed_rays import PackedRays, packed
 from renderer.threads import one_ahead
 from shaders import lobe
 
@@ -78,20 +77,19 @@ def integrate_fused(
     from renderer.fused_occlusion import Blocked
 
     light, order, levels = fused_light(environment), _by_mirrored_view(surface), sum(map(len, groups))
-    pixels, rays = len(surface.hit), rays_of(surface, strata)
+    pixels, rays, places = len(surface.hit), rays_of(surface, strata), Places.draw(numbers, strata, seed)
     step = max(_PIXELS, min(_SAMPLES // (samples * levels), _RAYS // rays))
     table = torch.empty(2, levels, pixels, degree, 3)
     parts = order.split(step)
 
-    def prepared(chosen: Tensor) -> PackedRays:
-        own = surface[chosen]
-        return packed(filled(own, places(numbers[chosen], strata, seed)))
+    def prepared(chosen: Tensor) -> tuple[Float[Tensor, "c r 2"], PackedRays]:
+        place = places[chosen]
+        return place, packed(filled(surface[chosen], place))
 
-    for done, (chosen, there) in enumerate(zip(parts, one_ahead(prepared, parts), strict=True), 1):
+    for done, (chosen, (place, there)) in enumerate(zip(parts, one_ahead(prepared, parts), strict=True), 1):
         blocked = None
         if occluder is not None:
-            starts = occluder.origins(surface[chosen])
-            blocked = Blocked.of(occluder, spread_places(starts, places(numbers[chosen], strata, seed)))
+            blocked = Blocked.of(occluder, spread_places(occluder.origins(surface[chosen]), place))
         made = [
             moments(light, there, numbers[chosen], each, distribution, degree, samples, seed, blocked)
             for each in _batches(groups)
@@ -99,34 +97,6 @@ def integrate_fused(
         table[:, :, chosen] = torch.cat(made, 1)
         progress(done / len(parts))
     return table
-
-
-@dataclass(frozen=True)
-class PackedRays:
-    """Pixels' rays as a kernel takes them.
-
-    Attributes:
-        frames: of each ray, by `packed_frames`.
-        mean: the same of all of a pixel's together.
-        tilt: of `Rays`.
-    """
-
-    frames: Float[Tensor, "p k 8"]
-    mean: Float[Tensor, "p 8"]
-    tilt: Float[Tensor, " p"]
-
-
-def packed(rays: Rays) -> PackedRays:
-    """The rays, packed."""
-    return PackedRays(packed_frames(rays), packed_frames(rays.mean)[:, 0], rays.tilt)
-
-
-def packed_frames(surface: Rays) -> Float[Tensor, "p k 8"]:
-    """Of each ray its tangent, sin_v, normal, cos_v: twice the four numbers that a kernel fetches at once."""
-    rays = torch.arange(surface.normal.shape[1])
-    frame = frames_of(surface, rays)
-    tangent, _, normal = frame.axes
-    return torch.stack([*tangent, frame.sin_v, *normal, frame.cos_v], -1)
 
 
 def _by_mirrored_view(surface: GBuffer) -> Tensor:

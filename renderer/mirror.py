@@ -6,7 +6,7 @@ import torch
 
 from renderer import chebyshev, latlong
 from renderer.environment import Environment
-from renderer.footprint import STRATA, filled, places
+from renderer.footprint import STRATA, Places, filled
 from renderer.gbuffer import GBuffer
 from renderer.transport import LightTable
 
@@ -24,7 +24,7 @@ def mirror_table(surface: GBuffer, environment: Environment, alpha: float, degre
     Returns:
         a table of one level, whose two halves are equal.
     """
-    rays = filled(surface, places(torch.arange(len(surface.hit)), STRATA[0], seed))
+    rays = filled(surface, Places.draw(torch.arange(len(surface.hit)), STRATA[0], seed)[:])
     cos_v = rays.n_dot_v
     towards = (2 * cos_v[..., None] * rays.normal - rays.view).to(environment.radiance)
     radiance = latlong.lookup(latlong.of(environment), *towards.unbind(-1))

@@ -22,7 +22,7 @@ from torch import Tensor
 from renderer import chebyshev, cubemap, latlong
 from renderer.cubemap import Cubemap
 from renderer.environment import Environment
-from renderer.footprint import filled, places, rays_of, spread_places, strata_of
+from renderer.footprint import Places, filled, rays_of, spread_places, strata_of
 from renderer.fused_table import fused_available, integrate_fused
 from renderer.gbuffer import GBuffer
 from renderer.latlong import LatLong
@@ -183,17 +183,17 @@ def _integrate(
     pixels, device = len(surface.hit), environment.radiance.device
     sampler = LightSampler.of(environment)
     points = Points.draw(samples // 2, rays_of(surface, strata), seed, environment.radiance)
-    step = max(1, _CHUNK // samples)
+    places, step = Places.draw(numbers, strata, seed), max(1, _CHUNK // samples)
 
     def integrate(start: int) -> Float[Tensor, "2 a c b 3"]:
         part = surface[start : start + step]
         generator = torch.Generator(device).manual_seed(seed * _MOST_PIXELS + int(numbers[start]))
-        rays = filled(part, places(numbers[start : start + step], strata, seed)).to(device)
+        place = places[start : start + step]
+        rays = filled(part, place).to(device)
         frame = frames(rays, points.ray, points.u1.dtype)
         u1, u2 = points.shifted(len(frame.cos_v), generator)
         free = None
         if occluder is not None:
-            place = places(numbers[start : start + step], strata, seed)
             free = occluder.before(spread_places(occluder.origins(part), place)[:, points.ray.cpu()])
         made = []
         for alphas in groups:

@@ -9,7 +9,7 @@ import trimesh
 
 from renderer import gbuffer
 from renderer.camera import Camera, look_at
-from renderer.footprint import FEW, STRATA, filled, is_smooth, places, rays_of, strata_of
+from renderer.footprint import FEW, STRATA, Places, filled, is_smooth, rays_of, strata_of
 from renderer.mesh import Mesh, Sphere
 
 POSE = look_at(*(torch.tensor(v, dtype=torch.float64) for v in ((1.0, 0.5, 4.0), (0.0, 0.0, 0.0), (0.0, 1.0, 0.0))))
@@ -35,7 +35,7 @@ def test_interpolated_rays_are_those_that_tracing_finds():
     smooth = is_smooth(surface.normal.reshape(-1, 4, 4, 3))
     assert smooth.double().mean() > 0.9
     column, row, surface = column[smooth], row[smooth], surface[smooth]
-    place = places(numbers(surface), 6, 3).double()
+    place = Places.draw(numbers(surface), 6, 3)[:].double()
     found = filled(surface, place)
     x, y = column[:, None] + place[..., 1], row[:, None] + place[..., 0]
     traced = trace(*CAMERA.rays(x.flatten(), y.flatten())).reshape(*x.shape)
@@ -55,7 +55,7 @@ def test_where_an_edge_crosses_rays_are_traced_ones():
     several = (surface.normal - surface.normal[:, :1]).norm(dim=-1).amax(1) > 0.1
     assert 10 < several.sum() < len(several) / 2
     assert torch.equal(edged, several)
-    found = filled(surface, places(numbers(surface), 6, 1))
+    found = filled(surface, Places.draw(numbers(surface), 6, 1)[:])
     apart = (found.normal[:, :, None] - surface.normal[:, None]).norm(dim=-1)
     assert apart.amin(2).max() < 1e-12
 
@@ -63,7 +63,7 @@ def test_where_an_edge_crosses_rays_are_traced_ones():
 @pytest.mark.parametrize("side", [1, 2, 3, 5])
 def test_few_rays_stay_as_they_are_and_many_become_two_even_sets(side):
     _, _, surface = covered(gbuffer.tracer(Sphere()), side)
-    found = filled(surface, places(numbers(surface), 6, 1))
+    found = filled(surface, Places.draw(numbers(surface), 6, 1)[:])
     assert found.normal.shape[1] == rays_of(surface, 6)
     assert (found.normal is surface.normal) == (side**2 < FEW)
 
@@ -71,14 +71,14 @@ def test_few_rays_stay_as_they_are_and_many_become_two_even_sets(side):
 def test_places_are_strata_of_the_pixel_and_every_pixels_own():
     _, _, surface = covered(gbuffer.tracer(Sphere()), 4)
     strata = 12
-    found = places(numbers(surface), strata, 5)
+    found = Places.draw(numbers(surface), strata, 5)[:]
     assert ((found > 0) & (found < 1)).all()
     cell = (found * strata).long()
     number = cell[..., 0] * strata + cell[..., 1]
     for half in number.split(strata**2, 1):
         assert (half.sort(1).values == torch.arange(strata**2)).all()
-    assert torch.equal(found, places(numbers(surface), strata, 5))
-    assert not torch.equal(found, places(numbers(surface), strata, 6))
+    assert torch.equal(found, Places.draw(numbers(surface), strata, 5)[:])
+    assert not torch.equal(found, Places.draw(numbers(surface), strata, 6)[:])
     assert (found[1:] != found[:1]).any(-1).all()
 
 

@@ -13,8 +13,9 @@ from hypothesis import strategies as st
 
 from renderer import fused_table, lamps, latlong, transport
 from renderer.environment import Environment
-from renderer.fused_table import fused_available, packed_frames
+from renderer.fused_table import fused_available
 from renderer.lobe_sampling import frames
+from renderer.packed_rays import packed_frames
 from shaders import lobe
 from tests.quadrature import albedo
 from tests.test_lamps import cells, night, shares

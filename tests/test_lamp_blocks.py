@@ -9,8 +9,9 @@ import torch
 from renderer import lamp_blocks, lamps, latlong, transport
 from renderer.environment import Environment
 from renderer.footprint import Rays
-from renderer.fused_table import fused_available, packed
+from renderer.fused_table import fused_available
 from renderer.lobe_sampling import LightSampler, asked_blocks
+from renderer.packed_rays import packed
 from tests.test_lamps import cells, night, shares
 from tests.test_transport import facing, shaded, white
 
