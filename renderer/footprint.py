@@ -87,31 +87,32 @@ def rays_of(surface: GBuffer, strata: int) -> int:
 
 @dataclass(frozen=True)
 class Places:
-    """Where rays run through pixels: in each, two jittered grids that its own shift moves within their strata.
+    """Where rays run through pixels: in each, two jittered grids, moved within their strata.
 
     Attributes:
         strata: along each side of a pixel.
-        jitter: of the rays within their strata, the same in every pixel.
-        shift: each pixel's own [Cranley & Patterson 1976].
+        jitter: of both grids' rays within their strata, the same in every pixel.
+        shift: of both grids, each pixel's own [Cranley & Patterson 1976].
     """
 
     strata: int
-    jitter: Float[Tensor, "r 2"]
-    shift: Float[Tensor, "p 2"]
+    jitter: Float[Tensor, "2 c 2"]
+    shift: Float[Tensor, "p 2 2"]
 
     @staticmethod
     def draw(numbers: Int[Tensor, " p"], strata: int, seed: int) -> Places:
         """Places that follow from the pixels' numbers and the seed alone."""
         generator = torch.Generator().manual_seed(seed)
-        jitter = torch.rand(2 * strata**2, 2, generator=generator)
-        shift = torch.rand(1 + int(numbers.max()), 2, generator=generator)[numbers]
+        jitter = torch.rand(2, strata**2, 2, generator=generator)
+        shift = torch.rand(1 + int(numbers.max()), 2, 2, generator=generator)[numbers]
         return Places(strata, jitter, shift)
 
     def __getitem__(self, chosen: Tensor | slice) -> Float[Tensor, "p r 2"]:
         """Row and column of each ray within the chosen pixels, in (0, 1)."""
         along = torch.arange(self.strata)
         cell = torch.stack(torch.meshgrid(along, along, indexing="ij"), -1).reshape(-1, 2)
-        return (cell.repeat(2, 1) + (self.jitter + self.shift[chosen, None]) % 1) / self.strata
+        within = (self.jitter + self.shift[chosen][:, :, None]) % 1
+        return ((cell + within) / self.strata).flatten(1, 2)
 
 
 def spread_places(positions: Float[Tensor, "p k 3"], place: Float[Tensor, "p r 2"]) -> Float[Tensor, "p r 3"]:

@@ -19,7 +19,8 @@ class Draws:
     """The numbers by which one half of the samples of one pixel is drawn.
 
     Attributes:
-        points: u1, u2 and ray of each of the lobe's Sobol points, and a filler: a kernel fetches four at once.
+        points: the lobe's Sobol points of three numbers, and a filler: a kernel fetches four at once.
+        rays: of one half of the samples, and where they begin.
         count: of each kind of directions in one half.
         stratum: 2³² over the number of one half's directions from the light, each of which has its own part of it.
         half: 0 or 1.
@@ -28,6 +29,7 @@ class Draws:
     """
 
     points: Float
+    rays: tuple[Any, Any]
     count: Any
     stratum: Any
     half: Any
@@ -38,20 +40,24 @@ class Draws:
     def of(numbers: Int[Tensor, " t"], half: Any, samples: int, rays: int, seed: int) -> Draws:
         """Those of the pixels with these numbers, one for each thread."""
         points = Points.draw(samples // 2, rays, seed, torch.zeros(0))
-        packed = torch.stack([points.u1, points.u2, points.ray.float(), torch.zeros_like(points.u1)], -1)
+        packed = torch.nn.functional.pad(points.u, (0, 1))
         count, stratum = (
             dr.opaque(UInt32, number) for number in (samples // 4, min(2**32 - 1, 2**32 // (samples // 4)))
         )
+        own = dr.opaque(UInt32, points.rays_of_half)
+        begin = half * dr.opaque(UInt32, rays - points.rays_of_half)
         pixel = UInt32(numbers.numpy().astype("uint32"))
-        return Draws(Float(packed.flatten().numpy()), count, stratum, half, pixel, dr.opaque(UInt32, seed % 2**32))
+        drawn = Float(packed.flatten().numpy())
+        return Draws(drawn, (own, begin), count, stratum, half, pixel, dr.opaque(UInt32, seed % 2**32))
 
     def lobe(self, i: Any) -> tuple[Any, Any, Any]:
-        """u1 and u2 of the lobe's sample i, shifted by half and pixel [Cranley & Patterson 1976], and its ray."""
-        first, second, ray, _ = dr.gather(Array4f, self.points, self.half * self.count + i)
+        """u1, u2 and the ray of the lobe's sample i, shifted by half and pixel; see `Points.shifted`."""
+        *point, _ = dr.gather(Array4f, self.points, self.half * self.count + i)
         shifts = hashed(self.pixel, UInt32(2**32 - 1) - self.half, self.seed)
-        shifted = (number + _unit(shift) for number, shift in zip((first, second), shifts, strict=False))
-        u1, u2 = (number - dr.floor(number) for number in shifted)
-        return u1, u2, UInt32(ray)
+        shifted = (number + _unit(shift) for number, shift in zip(point, shifts, strict=True))
+        u1, u2, u3 = (number - dr.floor(number) for number in shifted)
+        own, begin = self.rays
+        return u1, u2, begin + dr.minimum(UInt32(u3 * Float(own)), own - 1)
 
     def light(self, i: Any) -> tuple[Any, tuple[Any, Any]]:
         """Where in the pixel's light, of 2³², the light's sample i lies, and two numbers in [0, 1) for the rest.

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import torch
-from jaxtyping import Float
+from jaxtyping import Float, Int
 from torch import Tensor
 
 from renderer import lamp_blocks, lamps, latlong
@@ -50,8 +50,9 @@ class Frames:
         return tuple(x * t + y * b + z * n for t, b, n in zip(tangent, bitangent, normal, strict=True))
 
 
-def frames(surface: Rays, ray: Tensor, dtype: torch.dtype = torch.float32) -> Frames:
+def frames(surface: Rays, ray: Int[Tensor, "*p s"], dtype: torch.dtype = torch.float32) -> Frames:
     """Local frames in which the view lies in the xz plane, for the ray of the footprint that each sample takes."""
+    pixel = torch.arange(len(surface.normal), device=ray.device)[:, None]
     normal, view, cos_v = surface.normal, surface.view, surface.n_dot_v
     tangent = view - cos_v[..., None] * normal
     # From float64: a cosine in float32 does not tell the small angles that a narrow lobe resolves.
@@ -62,9 +63,9 @@ def frames(surface: Rays, ray: Tensor, dtype: torch.dtype = torch.float32) -> Fr
         tangent[straight] = _any_tangent(normal[straight])
     bitangent = torch.linalg.cross(normal, tangent)
     axes = tuple(
-        tuple(axis[:, ray, i].to(dtype).contiguous() for i in range(3)) for axis in (tangent, bitangent, normal)
+        tuple(axis[pixel, ray, i].to(dtype).contiguous() for i in range(3)) for axis in (tangent, bitangent, normal)
     )
-    return Frames(cos_v[:, ray].to(dtype).clamp(1e-6, 1), sin_v[:, ray].to(dtype), axes)  # type: ignore[arg-type]
+    return Frames(cos_v[pixel, ray].to(dtype).clamp(1e-6, 1), sin_v[pixel, ray].to(dtype), axes)  # type: ignore[arg-type]
 
 
 def _any_tangent(normal: Float[Tensor, "p 3"]) -> Float[Tensor, "p 3"]:
@@ -75,28 +76,38 @@ def _any_tangent(normal: Float[Tensor, "p 3"]) -> Float[Tensor, "p 3"]:
 
 @dataclass(frozen=True)
 class Points:
-    """The Sobol points of the lobe's samples, and the ray of the footprint that each of them takes.
+    """The Sobol points of the lobe's samples: two numbers for the direction, a third for the ray of the footprint.
 
-    One half of the samples takes one half of the rays, where there are enough for two sets.
+    Attributes:
+        u: in [0, 1), one half after the other.
+        rays: of each pixel.
     """
 
-    u1: Float[Tensor, " s"]
-    u2: Float[Tensor, " s"]
-    ray: Tensor
+    u: Float[Tensor, "s 3"]
+    rays: int
 
     @staticmethod
     def draw(samples: int, rays: int, seed: int, like: Tensor) -> Points:
-        u1, u2, u3 = torch.quasirandom.SobolEngine(3, scramble=True, seed=seed).draw(samples).T.to(like)
-        own = rays if rays < FEW else rays // 2
-        second = (torch.arange(samples, device=like.device) >= samples // 2) * (rays - own)
-        return Points(u1, u2, (u3 * own).long().clamp_max(own - 1) + second)
+        return Points(torch.quasirandom.SobolEngine(3, scramble=True, seed=seed).draw(samples).to(like), rays)
 
-    def shifted(self, pixels: int, generator: torch.Generator) -> tuple[Float[Tensor, "p s"], Float[Tensor, "p s"]]:
-        """The points, each half of each pixel's shifted by itself [Cranley & Patterson 1976]: errors are their own."""
-        half = len(self.u1) // 2
-        shift = torch.rand(2, pixels, 2, generator=generator, device=generator.device, dtype=self.u1.dtype)
-        shift = shift.repeat_interleave(half, 2)
-        return (self.u1 + shift[0]) % 1, (self.u2 + shift[1]) % 1
+    @property
+    def rays_of_half(self) -> int:
+        """One half of the samples takes one half of the rays, where there are enough for two sets."""
+        return self.rays if self.rays < FEW else self.rays // 2
+
+    def shifted(
+        self, pixels: int, generator: torch.Generator
+    ) -> tuple[Float[Tensor, "p s"], Float[Tensor, "p s"], Int[Tensor, "p s"]]:
+        """u1, u2 and the ray, each half of each pixel's points shifted by itself [Cranley & Patterson 1976].
+
+        So errors are each pixel's own. That goes for the ray, too: so many points do not meet all rays equally often,
+        and if they met the same ones more often in every pixel, the whole picture would be a little displaced.
+        """
+        half, own = len(self.u) // 2, self.rays_of_half
+        shift = torch.rand(pixels, 2, 3, generator=generator, device=generator.device, dtype=self.u.dtype)
+        u1, u2, u3 = ((self.u + shift.repeat_interleave(half, 1)) % 1).unbind(-1)
+        second = (torch.arange(len(self.u), device=u3.device) >= half) * (self.rays - own)
+        return u1, u2, (u3 * own).long().clamp_max(own - 1) + second
 
 
 @dataclass(frozen=True)

@@ -190,11 +190,12 @@ def _integrate(
         generator = torch.Generator(device).manual_seed(seed * _MOST_PIXELS + int(numbers[start]))
         place = places[start : start + step]
         rays = filled(part, place).to(device)
-        frame = frames(rays, points.ray, points.u1.dtype)
-        u1, u2 = points.shifted(len(frame.cos_v), generator)
+        u1, u2, ray = points.shifted(len(place), generator)
+        frame = frames(rays, ray, u1.dtype)
         free = None
         if occluder is not None:
-            free = occluder.before(spread_places(occluder.origins(part), place)[:, points.ray.cpu()])
+            pixel = torch.arange(len(place))[:, None]
+            free = occluder.before(spread_places(occluder.origins(part), place)[pixel, ray.cpu()])
         made = []
         for alphas in groups:
             drawn_at = math.sqrt(alphas[0] * alphas[-1])
