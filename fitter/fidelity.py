@@ -37,7 +37,7 @@ class Fidelity:
         search_pixels: how many of them while the roughness is still unknown.
         footprint: rays along each side of a pixel.
         search_levels, levels: roughness levels over the whole range, and around the roughness found.
-        degree: Chebyshev polynomials for the reflectance.
+        degree: functions in the reflectance basis.
         spans: factors around the roughness found, both ways, that the tables after the search span in turn; all but
             the last are of the search's pixels. The 49 taps step over texels and so depend on ρ without smoothness:
             their last span has to be a narrow one.

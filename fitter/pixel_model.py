@@ -13,7 +13,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from fitter.reflectances import MaterialReflectance, exact_reflectance, viewer_reflectance
-from renderer import irradiance, transport
+from renderer import irradiance, reflectance_basis, transport
 from renderer.gbuffer import GBuffer
 from renderer.occlusion import Occluder
 from renderer.transport import LightTable
@@ -169,7 +169,7 @@ class ExactPixels(PixelModel):
 
     def _coefficients(self, reflectance: Reflectance, like: Tensor) -> Float[Tensor, "b c"]:
         assert self.light is not None
-        return transport.reflectance_coefficients(reflectance, self.light.shape[2], like)
+        return reflectance_basis.coefficients(reflectance, self.light.shape[2], like)
 
     def _scattered_inside(self, material: Glossy) -> Float[Tensor, "p 3"]:
         """Light from below a rough dielectric, as Mitsuba's `roughplastic` has it."""

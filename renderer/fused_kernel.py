@@ -22,6 +22,7 @@ from renderer.fused_occlusion import Blocked
 from renderer.fused_random import Draws
 from renderer.lamp_blocks import EVEN
 from renderer.packed_rays import PackedRays
+from renderer.reflectance_basis import BEND
 from shaders.lobe import Distribution
 
 Free = Callable[[Array3f], Any]
@@ -93,7 +94,7 @@ def moments(
     seed: int,
     blocked: Blocked | None = None,
 ) -> Floats[Tensor, "2 a p b 3"]:
-    """Means of T_b(2 cos_d - 1) · light over each half of the samples, of all roughnesses of the groups.
+    """Means of the reflectance basis times light over each half of the samples, of all roughnesses of the groups.
 
     Args:
         rays: of the pixels.
@@ -175,7 +176,7 @@ def _terms(
 ) -> list[Any]:
     """What a direction drawn from the lobe and one from the light add: by roughness, polynomial and channel."""
     first, second = (_weighted(view, drawn, group, distribution) for drawn in (from_lobe, from_light))
-    bases = [_polynomials(2 * drawn.cos_d - 1, degree) for drawn in (from_lobe, from_light)]
+    bases = [_basis(drawn.cos_d, degree) for drawn in (from_lobe, from_light)]
     return [
         dr.fma(p, one, q * other)
         for lit in zip(first, second, strict=True)
@@ -196,8 +197,9 @@ def _weighted(view: View, drawn: Directions, group: Group, distribution: Distrib
     return found
 
 
-def _polynomials(x: Any, count: int) -> list[Any]:
-    """T_0(x) … T_{count-1}(x), as `renderer.chebyshev.polynomials` has them."""
+def _basis(cos_d: Any, count: int) -> list[Any]:
+    """As `reflectance_basis.basis` has it."""
+    x = 2 * (1 + BEND) * cos_d * dr.rcp(BEND + cos_d) - 1
     values = [Float(1), x]
     while len(values) < count:
         values.append(dr.fma(2 * x, values[-1], -values[-2]))

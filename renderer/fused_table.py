@@ -63,14 +63,14 @@ def integrate_fused(
         groups: roughnesses, ascending; one group's directions are drawn for their middle.
         strata: along each side of the pixels, see `footprint.strata_of`.
         distribution: "ggx" or "beckmann".
-        degree: number of Chebyshev polynomials for the reflectance.
+        degree: number of functions in the reflectance basis.
         samples: directions per pixel and level, a multiple of 4.
         seed: of the shifts; the same seed gives the same table.
         progress: told the share that is done, in (0, 1].
         occluder: what may stand before the light, one that Dr.Jit can ask; without it no kernel casts a ray.
 
     Returns:
-        two halves of the samples, roughness level, pixel, Chebyshev degree, channel; float32, on the CPU.
+        two halves of the samples, roughness level, pixel, function of the basis, channel; float32, on the CPU.
     """
     from renderer.fused_kernel import moments
     from renderer.fused_light import fused_light

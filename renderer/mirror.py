@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import torch
 
-from renderer import chebyshev, latlong
+from renderer import latlong, reflectance_basis
 from renderer.environment import Environment
 from renderer.footprint import STRATA, Places, filled
 from renderer.gbuffer import GBuffer
@@ -18,7 +18,7 @@ def mirror_table(surface: GBuffer, environment: Environment, alpha: float, degre
         surface: [p, k] rays inside each of p pixels.
         environment: the light, on the CPU.
         alpha: the roughness that the table passes for.
-        degree: number of Chebyshev polynomials for the reflectance.
+        degree: number of functions in the reflectance basis.
         seed: of the places of the rays within their pixels.
 
     Returns:
@@ -28,6 +28,6 @@ def mirror_table(surface: GBuffer, environment: Environment, alpha: float, degre
     cos_v = rays.n_dot_v
     towards = (2 * cos_v[..., None] * rays.normal - rays.view).to(environment.radiance)
     radiance = latlong.lookup(latlong.of(environment), *towards.unbind(-1))
-    basis = chebyshev.polynomials(2 * cos_v.to(radiance) - 1, degree)
+    basis = reflectance_basis.basis(cos_v.to(radiance), degree)
     light = torch.einsum("bpr,prc->pbc", basis, radiance) / cos_v.shape[1]
     return LightTable(light[None, None].expand(2, 1, *light.shape), alpha * 0.999, alpha * 1.001, "log")

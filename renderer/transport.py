@@ -2,7 +2,7 @@
 
     radiance(pixel) = Σ_a Σ_b  w_a(roughness) · f_b(n, k) · table[a, pixel, b]
 
-The reflectance of a facet, F(cos_d), is expanded in Chebyshev polynomials T_b(2 cos_d - 1); the table holds the
+The reflectance of a facet, F(cos_d), is expanded in the few functions of `reflectance_basis`; the table holds the
 light weighted by each of them at a few roughnesses. What depends on the material is then only the f_b, found from
 F at a few angles, and the interpolation weights w_a: a fit may ask for thousands of materials at no cost.
 """
@@ -19,7 +19,7 @@ import torch
 from jaxtyping import Float, Int
 from torch import Tensor
 
-from renderer import chebyshev, cubemap, latlong
+from renderer import chebyshev, cubemap, latlong, reflectance_basis
 from renderer.cubemap import Cubemap
 from renderer.environment import Environment
 from renderer.footprint import Places, filled, rays_of, spread_places, strata_of
@@ -31,7 +31,6 @@ from renderer.occlusion import Occluder
 from renderer.threads import map_in_threads
 from shaders import lobe
 
-Reflectance = Callable[[Float[Tensor, "b 1"]], Float[Tensor, "b c"]]
 Progress = Callable[[float], None]
 
 _MOST_PIXELS = 10_000_000  # that have random numbers of their own
@@ -44,7 +43,7 @@ class LightTable:
     """The light of a set of pixels.
 
     Attributes:
-        light: [2, a, p, b, 3]; two halves of the samples, roughness level, pixel, Chebyshev degree, channel.
+        light: [2, a, p, b, 3]; two halves of the samples, roughness level, pixel, function of the basis, channel.
         low, high: the range of roughness that the levels span.
         scale: whether the levels are Chebyshev nodes in the roughness or in its logarithm.
     """
@@ -74,12 +73,6 @@ class LightTable:
         low, high = (_on_scale(roughness.new_tensor(end), self.scale) for end in (self.low, self.high))
         position = (_on_scale(roughness.clamp(self.low, self.high), self.scale) - low) / (high - low)
         return chebyshev.weights(2 * position - 1, self.light.shape[1])
-
-
-def reflectance_coefficients(reflectance: Reflectance, degree: int, like: Tensor) -> Float[Tensor, "b c"]:
-    """f_b with F(cos_d) ≈ Σ_b f_b T_b(2 cos_d - 1), in the dtype of `like`; of one channel where F has one."""
-    cos_d = ((chebyshev.nodes(degree) + 1) / 2).to(like)
-    return chebyshev.coefficients(reflectance(cos_d[:, None]))
 
 
 def radiance(
@@ -123,7 +116,7 @@ def microfacet_table(
         environment: the light; the integration runs on its device and in its dtype.
         alphas: lowest and highest microfacet width, and the number of levels between them.
         distribution: "ggx" or "beckmann".
-        degree: number of Chebyshev polynomials for the reflectance.
+        degree: number of functions in the reflectance basis.
         samples: directions per pixel and level, a multiple of 4.
         seed: of the shifts; the same seed gives the same table.
         progress: told the share that is done, in (0, 1].
@@ -316,10 +309,10 @@ def _shares(
 
 
 def _moments(shares: Float[Tensor, "a p s"], drawn: Directions, degree: int) -> Float[Tensor, "2 a p b 3"]:
-    """Means of T_b(2 cos_d - 1) · light over each half of the samples."""
+    """Means of the reflectance basis times light over each half of the samples."""
     count, pixels, samples = shares.shape
     light = (shares[..., None] * drawn.radiance).permute(1, 2, 0, 3).reshape(pixels, samples, -1)
-    basis = chebyshev.polynomials(2 * drawn.cos_d - 1, degree).permute(1, 0, 2)
+    basis = reflectance_basis.basis(drawn.cos_d, degree).permute(1, 0, 2)
     halves = (slice(0, samples // 2), slice(samples // 2, samples))
     found = torch.stack([torch.bmm(basis[:, :, half], light[:, half]) / (samples // 2) for half in halves])
     return found.reshape(2, pixels, degree, count, 3).permute(0, 3, 1, 2, 4)

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import torch
 
-from renderer import chebyshev, irradiance, latlong, transport
+from renderer import chebyshev, irradiance, latlong, reflectance_basis, transport
 from renderer.environment import Environment, directions, read_environment
 from renderer.mesh import Sphere
 from renderer.studio import studio, sun_and_sky, texel_solid_angles
@@ -198,7 +198,7 @@ def test_a_sphere_of_rough_plastic_is_mitsubas(f0, alpha, distribution):
     outcoupling = plastic.outcoupling(eta, float64(alpha), distribution)
     body = color * outcoupling * let_out * torch.einsum("pbc,bd->pc", light, t)
     table = table_at(surface, environment, alpha, distribution, samples=1024, degree=10)
-    coefficients = transport.reflectance_coefficients(
+    coefficients = reflectance_basis.coefficients(
         lambda cos: fresnel.dielectric(cos, eta).expand(-1, 3), 10, float64(0)
     )
     weights = table.level_weights(float64(alpha))

@@ -13,6 +13,7 @@ from fitter.noise import even_whitening, relative_weight
 from fitter.parameters import TINT_WIDTH, GlossyCoordinates, Interval, MatteCoordinates, MetalCoordinates
 from fitter.pixel_model import BlurredByTable, Body, DirectLight, ExactPixels, PixelModel, ViewerPixels
 from fitter.residuals import ROBUST_AT, Residuals, huber
+from renderer.reflectance_basis import BEND
 from renderer.transport import LightTable
 from shaders import fresnel
 from shaders.shade import DirectionalLight, Points
@@ -87,7 +88,7 @@ def viewer_pixels() -> ViewerPixels:
 
 
 def test_the_residual_vector_is_what_it_says():
-    """Barycentric interpolation in log α and numpy's Chebyshev fit, written out per pixel."""
+    """Barycentric interpolation in log α and numpy's Chebyshev fit in the bent cosine, written out per pixel."""
     x, whole = float64(X), exact_pixels()
     model = ExactPixels(whole.table, whole.light, None, (), "ggx")
     metal = METAL.material(x)
@@ -97,10 +98,11 @@ def test_the_residual_vector_is_what_it_says():
     node = -np.cos(np.pi * np.arange(4) / 3)
     log_alpha = 2 * math.log(metal.roughness.item() / 0.1) / math.log(8) - 1
     level = [np.prod([(log_alpha - b) / (a - b) for b in node if b != a]) for a in node]
-    cos_d = (1 - np.cos(np.pi * np.arange(6) / 5)) / 2
+    position = (1 - np.cos(np.pi * np.arange(6) / 5)) / 2
+    cos_d = BEND * position / (1 + BEND - position)
     exact = fresnel.conductor
     curve = np.array([[exact(float64(c), n, k).item() for n, k in zip(metal.n, metal.k, strict=True)] for c in cos_d])
-    f = np.polynomial.chebyshev.chebfit(2 * cos_d - 1, curve, 5)
+    f = np.polynomial.chebyshev.chebfit(2 * position - 1, curve, 5)
     image = np.einsum("a,apbc,bc->pc", level, model.table.light.double().mean(0).numpy(), f)
     difference = np.einsum("prc,pc->pr", whitening.numpy(), image - photograph.numpy())
     length = np.sqrt((difference**2).sum(1, keepdims=True))
