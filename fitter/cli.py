@@ -49,18 +49,16 @@ app.command()(selftest)
 
 def program() -> NoReturn:
     """`main` in a process of its own, which ends with it: to take torch, JAX and Dr.Jit down takes another second."""
-    code: int | str | None = INTERRUPTED
     try:
         main()
     except SystemExit as ended:
-        code = ended.code
-    flush()
-    sys.stderr.flush()
-    atexit._run_exitfuncs()
-    os._exit(code if isinstance(code, int) else DONE)
+        flush()
+        sys.stderr.flush()
+        atexit._run_exitfuncs()
+        os._exit(ended.code if isinstance(ended.code, int) else DONE)
 
 
-def main() -> None:
+def main() -> NoReturn:
     """Run the command line; the user's mistakes end in one sentence and exit code 2, never in a traceback."""
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):  # a locale may have no ± or σ
@@ -117,7 +115,7 @@ def _usage(error: TyperException) -> str:
     return f"{message[:1].lower()}{message[1:]}; `{command} --help` lists what there is"
 
 
-def _fail(sentence: str, code: int) -> None:
+def _fail(sentence: str, code: int) -> NoReturn:
     print(f"fit-material: {sentence}", file=sys.stderr)
     sys.exit(code)
 

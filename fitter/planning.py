@@ -70,7 +70,7 @@ class Planner:
             blurs=fidelity.blurs,
             reflectance=fidelity.reflectance,
             footprint=fidelity.footprint,
-            untraced=_untraced(types, fidelity) or self._spared,
+            untraced=_untraced(types, fidelity) or spared(self._free),
             found=found is not None,
         )
         tolerance = options.tolerance or TOLERANCE
@@ -84,10 +84,9 @@ class Planner:
         return planned(facts, measured, tolerance).overruled(wanted, options.unwanted)
 
     @property
-    def _spared(self) -> str | None:
-        """Why no paths need be traced, though some pixels see the object: others do not, and can be fitted."""
-        free = 0.0 if self.occluder is None else 1 - self.sample.self_seeing
-        return f"{free:.1%} of the pixels mirror nothing of it, which is enough" if free * FEWEST >= 1 else None
+    def _free(self) -> float:
+        """Share of the pixels that mirror nothing of an object that may mirror itself; of a convex one 0."""
+        return 0.0 if self.occluder is None else 1 - self.sample.self_seeing
 
     def simulating(self, plan: Plan) -> Setting:
         """The light with what the plan has on."""
@@ -106,6 +105,11 @@ class Planner:
 
 def _possible_types(kinds: Sequence[MaterialType | None]) -> frozenset[str]:
     return frozenset(KINDS) if None in kinds else frozenset(kind for kind in kinds if kind is not None)
+
+
+def spared(free: float) -> str | None:
+    """Why no paths need be traced, though some pixels mirror the object: a share of others does not, and is fitted."""
+    return f"{free:.1%} of the pixels mirror nothing of it, which is enough" if free * FEWEST >= 1 else None
 
 
 def _untraced(types: frozenset[str], fidelity: Fidelity) -> str | None:

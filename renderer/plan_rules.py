@@ -36,7 +36,7 @@ class Facts:
         blurs: whether the model is the thesis's, its lobe a blur.
         reflectance: of metals, as fidelities call it; "conductor" is the exact one.
         footprint: rays along each side of a pixel that were asked for.
-        untraced: why no paths can be traced here; None where they can.
+        untraced: why no paths are traced here, because they cannot be or need not; None where they may.
         found: whether the materials are known, and not just possible.
     """
 

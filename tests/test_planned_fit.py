@@ -14,7 +14,7 @@ from fitter.fidelity import PRESETS
 from fitter.fit_options import FitOptions
 from fitter.pipeline import fit_scene
 from fitter.planned_fit import ROUNDS
-from fitter.planning import Planner
+from fitter.planning import Planner, spared
 from fitter.result import Result
 from renderer import differentiable, occlusion
 from renderer.plan import Plan
@@ -145,3 +145,10 @@ def test_a_plan_that_grows_is_fitted_again_three_times_at_most(gold_scene, tmp_p
     assert simulated == [set(GROWING[:count]) for count in range(fits)]
     assert on(result) & set(GROWING) == simulated[-1]
     assert ("3 fits did not settle" in result.message) == (growth >= ROUNDS)
+
+
+@pytest.mark.parametrize(("free", "why"), [(0.124, None), (0.125, "12.5% of the pixels mirror nothing"), (0.0, None)])
+def test_paths_are_spared_where_one_pixel_in_eight_is_free(free, why):
+    """Of a convex object, whose share counts as 0, other reasons speak."""
+    told = spared(free)
+    assert told is None if why is None else told.startswith(why)

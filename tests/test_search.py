@@ -9,9 +9,12 @@ from typing import Any
 import pytest
 import torch
 
+from fitter import search
 from fitter.choice import DECISIVE, fit_type
+from fitter.condensed import solved
 from fitter.fidelity import PRESETS, Fidelity, preset
 from fitter.nearest import nearest_metals
+from fitter.parameters import TINTS
 from fitter.search import Problem, fit_material
 from fitter.selection import Observations
 from fitter.setting import Setting
@@ -137,6 +140,21 @@ def test_the_type_is_found(light, fidelity, kind):
     choice = fit_type(problem_of(TRUTHS[kind], surface, light, PRESETS[fidelity]), None)
     assert choice.fit.material.type == kind
     assert choice.runner_up[1] > DECISIVE
+
+
+def test_only_the_last_round_looks_for_the_metal_everywhere(light, monkeypatch):
+    """What a round before it finds says where to look next, and is found anew there."""
+    starts = []
+
+    def counted(residuals, started, solver):
+        starts.append(len(started))
+        return solved(residuals, started, solver)
+
+    monkeypatch.setattr(search, "solved", counted)
+    fidelity = replace(preset("preview"), spans=(1.5, 1.3, 1.1))
+    fit_material(problem_of(gold(0.2), surface_of(24, 2), light, fidelity), "metal")
+    assert starts[:2] == [1, 1]
+    assert starts[2:] == [1 + len(TINTS)]
 
 
 def test_a_type_that_is_given_is_kept_to(light):
