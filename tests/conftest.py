@@ -57,3 +57,15 @@ def gold_photographs(tmp_path_factory) -> Path:
 def gold_scene(gold_photographs, tmp_path) -> Path:
     """A copy of the small scene, to spoil."""
     return Path(shutil.copytree(gold_photographs, tmp_path / "scene")) / "scene.toml"
+
+
+@pytest.fixture
+def mtl(tmp_path):
+    """Writes a material file and reads it."""
+    from renderer.mtl import read_mtl
+
+    def read(text: str | bytes, name="a.mtl", **options):
+        (tmp_path / name).write_bytes(text if isinstance(text, bytes) else text.encode())
+        return read_mtl(tmp_path / name, **options)
+
+    return read

@@ -23,7 +23,12 @@ from renderer.gbuffer import GBuffer, Tracer
 from renderer.transport import LightTable
 from tests.bench.photographs import Case
 
-CASES = (("Au", 0.05, "studio_small_03"), ("Au", 0.2, "rooitou_park"), ("Fe", 0.1, "st_peters_square_night"))
+CASES = (
+    ("Au", 0.05, "studio_small_03"),
+    ("Au", 0.2, "rooitou_park"),
+    ("Fe", 0.1, "st_peters_square_night"),
+    ("Al", 0.4, "studio_small_03"),
+)
 FINE_SIDE = 7
 
 
@@ -90,7 +95,7 @@ def _shifts(problem: Problem, fine: GBuffer, fit: Fit) -> Iterator[tuple[str, Te
         return setting.pixels(surface, body=False).under(made).radiance(fit.material)
 
     plain = picture()
-    yield "reflectance by 12 polynomials (24)", _moved(fit, plain - picture(degree=24))
+    yield f"reflectance by {fidelity.degree} functions (24)", _moved(fit, plain - picture(degree=24))
     yield f"{fidelity.levels} levels of roughness (9)", _moved(fit, plain - picture(levels=9))
     yield "rays between 4 × 4 traced (7 × 7)", _moved(fit, plain - picture(surface=fine))
     yield "noise of the light table, its chance", _chance(fit)
