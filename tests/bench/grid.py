@@ -12,7 +12,7 @@ from functools import partial
 from itertools import product
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from fitter.result import Result
 from tests.bench.cramer_rao import Bound, bounds_of
@@ -156,7 +156,8 @@ def summary(outcomes: Sequence[Outcome]) -> Iterator[str]:
         yield _group_row(name, group)
     yield ""
     yield f"Errors: 95th percentile, worst (goals {F0_GOAL}, {CURVE_GOAL}, {ALPHA_GOAL:.0%}); widths: median, 90th"
-    yield f"percentile, worst (goal {WIDTH_GOAL}); share of all numbers ± binomial error (goal 93 to 97 %); share of n"
+    yield f"percentile, worst (goal {WIDTH_GOAL}); share of all numbers ± binomial error, and the error"
+    yield "by whole fits, whose ten numbers share their noise (goal 93 to 97 %); share of n"
     yield f"and of k whose half width is below {DETERMINED:.0%} of the value."
     yield ""
     missing = [(outcome.case.label, outcome.misses) for outcome in outcomes if outcome.misses]
@@ -191,10 +192,15 @@ def _group_row(name: str, group: Sequence[Outcome]) -> str:
         _percentiles(np.concatenate([each.widths(joint=joint) for each in group]), (50, 90, 100), ".3g")
         for joint in (False, True)
     ]
-    holds = np.concatenate([each.found.holds(each.truth) for each in group])
+    holds = np.stack([each.found.holds(each.truth) for each in group])
     known = [np.concatenate([each.found.is_determined[SLICES[key]] for each in group]).mean() for key in "nk"]
-    cells = [*errors, *widths, share(holds), "n {:.0%}, k {:.0%}".format(*known)]
+    cells = [*errors, *widths, f"{share(holds)}, {_between_fits(holds):.1%}", "n {:.0%}, k {:.0%}".format(*known)]
     return f"| {name} | {len(group)} | {' | '.join(cells)} |"
+
+
+def _between_fits(holds: Bool[np.ndarray, "m 10"]) -> float:
+    """Standard error of the share that hold, of independent fits whose own numbers may stand and fall together."""
+    return float(holds.mean(1).std(ddof=1) / len(holds) ** 0.5) if len(holds) > 1 else math.nan
 
 
 def _percentiles(values: Sequence[float] | np.ndarray, ranks: Sequence[float], form: str) -> str:
