@@ -33,7 +33,7 @@ from renderer.views import views
 from renderer.visibility import sees_itself
 from shaders.materials import Metal
 from tests.bench.noise import Noise, noise_of
-from tests.bench.photographs import MEASURED, Case
+from tests.bench.photographs import Case
 
 TABLE_SAMPLES, FOOTPRINT = 1024, 4
 SPAN, LEVELS = 1.05, 3  # of alpha around the truth, both ways: narrow, so that interpolation is exact
@@ -51,8 +51,9 @@ class Bound:
 
 def bounds_of(case: Case, variant: str) -> tuple[Bound, Bound]:
     """The bound with channels taken for independent, and with their covariance; found where it is not kept."""
-    kept = case.scene(variant).with_name(f"bound-{TABLE_SAMPLES}{MEASURED}")
+    kept = case.measured(f"bound-{TABLE_SAMPLES}", variant)
     if not kept.exists():
+        kept.parent.mkdir(parents=True, exist_ok=True)
         independent, joint = _informations(case, variant)
         file = io.BytesIO()
         np.savez(file, independent=independent, joint=joint)

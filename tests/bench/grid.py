@@ -47,9 +47,10 @@ class Selection:
     repeats: int = 200
 
     def cases(self, **fixed: object) -> list[Case]:
-        """All combinations; those that share their light and geometry follow each other."""
+        """All combinations, each of noise of its own; those that share their light and geometry follow each other."""
         found = product(self.environments, self.alphas, self.metals)
-        return [Case(metal, alpha, environment, **fixed) for environment, alpha, metal in found]  # type: ignore[arg-type]
+        cases = [Case(metal, alpha, environment, **fixed) for environment, alpha, metal in found]  # type: ignore[arg-type]
+        return [case.with_noise_of_its_own for case in cases]
 
 
 @dataclass(frozen=True)

@@ -16,7 +16,7 @@ from renderer.mesh import Sphere, read_mesh
 from renderer.path_tracer import passes
 from renderer.to_mitsuba import bsdf_of
 from renderer.views import views
-from tests.bench.photographs import MEASURED, Case
+from tests.bench.photographs import Case
 
 PASSES, SAMPLES = 64, 8
 WINDOW = 3  # pixels along a side, over which relative variances are averaged
@@ -47,8 +47,9 @@ def noise_of(case: Case, variant: str, window: int = WINDOW) -> Noise:
     averaged over neighbours, which multiplies ν by their number.
     """
     case = replace(case, noise=0.0)
-    kept = case.scene(variant).with_name(f"noise-{PASSES}x{SAMPLES}{MEASURED}")
+    kept = case.measured(f"noise-{PASSES}x{SAMPLES}", variant)
     if not kept.exists():
+        kept.parent.mkdir(parents=True, exist_ok=True)
         file = io.BytesIO()
         np.savez_compressed(file, **_measured(pictures_of(case, variant, [SAMPLES] * PASSES)))  # type: ignore[arg-type]
         write_bytes_atomically(kept, file.getvalue())

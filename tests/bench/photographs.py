@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import os
+import zlib
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
@@ -38,13 +39,17 @@ def photographed(options: SynthOptions, label: str) -> Path:
 
     Noise is put on photographs without, so that both are of the same paths and these are traced once.
     """
-    key = hashlib.sha256(repr(sorted(asdict(options).items(), key=str)).encode()).hexdigest()[:16]
-    scene = CACHE / f"{label}-{key}" / "scene.toml"
+    scene = _folder(options, label) / "scene.toml"
     if scene.exists():
         return scene
     if not options.noise:
         return synthesise(options, scene.parent)
     return _with_noise(photographed(replace(options, noise=0.0), label), options, scene)
+
+
+def _folder(options: SynthOptions, label: str) -> Path:
+    key = hashlib.sha256(repr(sorted(asdict(options).items(), key=str)).encode()).hexdigest()[:16]
+    return CACHE / f"{label}-{key}"
 
 
 def _with_noise(clean: Path, options: SynthOptions, scene: Path) -> Path:
@@ -79,6 +84,7 @@ class Case:
         spp: samples a pixel.
         views: number of photographs.
         noise: standard deviation of a factor on every value.
+        seed: of paths and noise.
     """
 
     metal: str
@@ -89,6 +95,12 @@ class Case:
     spp: int = 512
     views: int = 3
     noise: float = 0.0
+    seed: int = 0
+
+    @property
+    def with_noise_of_its_own(self) -> Case:
+        """The same with a seed that follows from it: of one seed, errors in a light would be alike for all metals."""
+        return replace(self, seed=zlib.crc32(self.label.encode()))
 
     @property
     def label(self) -> str:
@@ -98,6 +110,10 @@ class Case:
     def scene(self, variant: str) -> Path:
         """The scene file; renders the photographs where they are not kept from an earlier run."""
         return photographed(self.options(variant), self.label)
+
+    def measured(self, what: str, variant: str) -> Path:
+        """The file of what was measured of all such photographs, whatever their seed."""
+        return _folder(replace(self, seed=0).options(variant), self.label) / f"{what}{MEASURED}"
 
     def options(self, variant: str) -> SynthOptions:
         """What `synth` is asked for."""
@@ -110,5 +126,6 @@ class Case:
             size=self.size,
             spp=self.spp,
             noise=self.noise,
+            seed=self.seed,
             variant=variant,
         )
