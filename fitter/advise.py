@@ -80,6 +80,8 @@ def _fidelity_of(result: Result, file: Path) -> Fidelity:
     name, lobe = result.model.fidelity.partition(",")[0], result.model.lobe
     if name not in EXACT or lobe not in ("ggx", "beckmann"):
         raise InputError(file, "model.fidelity", f"{name} with {lobe}", f"{' or '.join(EXACT)}: {WHY_EXACT}")
+    if any(each.type == "metal" for each in result.materials) and "conductor" not in result.model.reflectance:
+        raise InputError(file, "model.reflectance", result.model.reflectance, f"conductor: {WHY_EXACT}")
     return preset(name, lobe)
 
 

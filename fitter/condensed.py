@@ -1,6 +1,6 @@
 """Least squares of thousands of pixels as that of a hundred numbers: integrate once, condense once, solve for nothing.
 
-A metal's picture is linear in its mixing u, the level weights times the Fresnel coefficients; only u depends on the
+A metal's picture is linear in its mixing u, such as level weights times Fresnel coefficients; only u depends on the
 material in other ways. With R a square root of the Gram matrix of the pixels' own equations A u ≈ y, whitened,
 
     |A u - y|² = |R (u, 1)|²
@@ -18,7 +18,6 @@ from jaxtyping import Float
 from torch import Tensor
 
 from fitter.derivative import jacobian
-from fitter.pixel_model import ExactPixels
 from fitter.residuals import Residuals
 from fitter.solve import PRECISE, Solution, Solver
 from renderer.threads import map_in_threads
@@ -84,15 +83,11 @@ def condensed(residuals: Residuals, around: Float[Tensor, " x"]) -> Condensed:
         residuals: of many pixels.
         around: the free vector at which outliers are weighed.
     """
-    model = residuals.model
-    assert isinstance(model, ExactPixels)
-    light = model.light
-    assert light is not None
     whitening, left = residuals.robust_whitening(around), residuals.difference(around)
 
     def gram(first: int) -> Float[Tensor, "u u"]:
         part = slice(first, first + CHUNK)
-        equations = torch.einsum("prc,apbc->prabc", whitening[part], light[:, part]).flatten(2)
+        equations = torch.einsum("prc,pqc->prqc", whitening[part], residuals.model.mixed(part)).flatten(2)
         known = torch.matmul(whitening[part], left[part, :, None])
         rows = torch.cat([equations, known], 2).flatten(0, 1)
         return rows.T @ rows

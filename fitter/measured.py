@@ -13,6 +13,7 @@ from fitter.fidelity import BLUR_RANGE, MICROFACET_RANGE
 from fitter.parameters import Interval
 from fitter.pixel_model import ViewerPixels
 from fitter.profile import intervals
+from fitter.result import CHANNELS
 from fitter.search import Fit
 from fitter.uncertainty import TWO_SIDED_95, Spread, standard_errors
 from fitter.viewer_roughness import ViewerRoughness
@@ -40,6 +41,17 @@ QUANTITIES: Mapping[str, Mapping[str, Callable[[Any], Tensor]]] = {
     },
 }
 """What is reported of each type of material; `roughness` is alpha or ρ, as the lobe of the fit has it."""
+
+
+def name_of(fit: Fit, key: str, channel: int | None) -> str:
+    """One of `QUANTITIES` in words: "n of red", "alpha"; without a channel where it has none."""
+    key = parameter_of(fit, key)
+    return key if channel is None else f"{key} of {CHANNELS[channel]}"
+
+
+def parameter_of(fit: Fit, key: str) -> str:
+    """The key of one of `QUANTITIES` in `result.json`."""
+    return "alpha" if key == "roughness" and not isinstance(fit.residuals.model, ViewerPixels) else key
 
 
 @dataclass(frozen=True)

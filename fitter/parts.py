@@ -25,7 +25,7 @@ from fitter.selection import Observations, choose_pixels
 from fitter.setting import Setting
 from fitter.solve import SOLVERS
 from fitter.summary import describe, fitted_material
-from fitter.tolerance import FIRST_PIXELS, ascend
+from fitter.tolerance import FIRST_PIXELS, Ascent, ascend
 from fitter.uncertainty import Spread, spread
 from fitter.verdicts import seen_by
 from fitter.viewer_roughness import viewer_roughness
@@ -48,7 +48,7 @@ class FittedPart:
         material: the numbers to report.
         told: the same in sentences.
         setting: the light, and how accurately it was computed.
-        tolerance: how the one asked for was met; None where none was.
+        ascent: to the tolerance asked for; None where none was.
         polish: with Mitsuba's paths; None where there was none.
     """
 
@@ -59,8 +59,17 @@ class FittedPart:
     material: FittedMaterial
     told: str
     setting: Setting
-    tolerance: Tolerance | None = None
+    ascent: Ascent | None = None
     polish: Polish | None = None
+
+    @property
+    def tolerance(self) -> Tolerance | None:
+        """How the tolerance asked for was met; None where none was."""
+        return None if self.ascent is None else self.ascent.record(self.material.name)
+
+    def by(self, ascent: Ascent) -> FittedPart:
+        """The same, and how a tolerance was met."""
+        return replace(self, told=f"{self.told} {ascent.sentence}", ascent=ascent)
 
 
 def fit_parts(
@@ -127,8 +136,7 @@ def _fitted_part(
         return _part(index, name, problem.observed, fit_type(problem, kind), problem.setting, options.prior)
     ascent = ascend(problem_at, fidelity, kind, options.tolerance)
     problem = ascent.problem
-    part = _part(index, name, problem.observed, ascent.choice, problem.setting, options.prior)
-    return replace(part, told=f"{part.told} {ascent.sentence}", tolerance=ascent.record(name))
+    return _part(index, name, problem.observed, ascent.choice, problem.setting, options.prior).by(ascent)
 
 
 def kinds_of(loaded: Loaded, options: FitOptions) -> list[MaterialType | None]:
@@ -152,7 +160,8 @@ def polished_parts(
         polish = polished(problem, part.choice.fit, polish_scene(loaded, part.setting, found, part.index))
         choice = replace(part.choice, fit=polish.fit)
         made = _part(part.index, part.material.name, few, choice, unhindered, options.prior)
-        return replace(made, tolerance=part.tolerance, polish=polish)
+        made = replace(made, polish=polish)
+        return made if part.ascent is None else made.by(part.ascent.followed_by(polish.fit, problem))
 
     return [again(part) for part in parts]
 

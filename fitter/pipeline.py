@@ -10,6 +10,7 @@ from pathlib import Path
 import torch
 
 from fitter import quality
+from fitter.consistent import require_consistent
 from fitter.curves import Curve, reflectance_curve
 from fitter.effect_strips import strips
 from fitter.fidelity import Fidelity
@@ -26,14 +27,12 @@ from fitter.result import Effect, Model, Result, Time, write_result
 from fitter.setting import Setting
 from fitter.solve import compiling
 from fitter.summary import status_of
-from fitter.tolerance import require_tolerance
 from renderer import gbuffer
 from renderer.atomic import replaced_together, write_bytes_atomically, write_text_atomically
 from renderer.box_filter import box_filtered
 from renderer.errors import InputError
 from renderer.gbuffer import GBuffer, Tracer
 from renderer.picture import draw
-from renderer.plan import require_choosable
 from renderer.surroundings import directional_light
 from renderer.threads import one_thread_per_operation
 
@@ -64,11 +63,9 @@ def fit_scene(
     """
     began = time.perf_counter() if begun is None else begun
     device = torch_device(options.device)
-    require_choosable(options.wanted, options.unwanted)
+    require_consistent(options)
     if options.polish or "interreflection" in options.wanted:
         require_polishable(options.fidelity)
-    if options.tolerance is not None:
-        require_tolerance(options.tolerance, options.fidelity)
     progress("reading", 0)
     loaded = load(scene_file)
     read = time.perf_counter()

@@ -43,9 +43,13 @@ class PixelModel(ABC):
     def under(self, table: LightTable | None) -> PixelModel:
         """The same pixels with another table."""
 
-    def mixing(self, material: Material) -> Float[Tensor, "a b 3"] | None:
-        """How much each number of the table's light counts, where the picture is their sum and nothing else."""
+    def mixing(self, material: Material) -> Float[Tensor, "q 3"] | None:
+        """u, how much each number of `mixed` counts, where the picture is their sum and nothing else."""
         return None
+
+    def mixed(self, pixels: slice) -> Float[Tensor, "p q 3"]:
+        """What `mixing` mixes, of some pixels: Σ_q mixed · u is their radiance."""
+        raise NotImplementedError(type(self).__name__)
 
     def half(self, which: int) -> PixelModel:
         """The same pixels with one half of the table's samples."""
@@ -160,12 +164,17 @@ class ExactPixels(PixelModel):
         surface = self.reflected(functools.partial(self.reflectance, material), material.roughness)
         return surface if isinstance(material, Metal) else surface + self._scattered_inside(material)
 
-    def mixing(self, material: Material) -> Float[Tensor, "a b 3"] | None:
+    def mixing(self, material: Material) -> Float[Tensor, "q 3"] | None:
         """Level weights times Fresnel coefficients, for a metal that no directional light falls on."""
         if not isinstance(material, Metal) or self.mirrored or self.light is None or self.table is None:
             return None
         coefficients = self._coefficients(functools.partial(self.reflectance, material), material.roughness)
-        return self.table.level_weights(material.roughness)[:, None, None] * coefficients
+        return (self.table.level_weights(material.roughness)[:, None, None] * coefficients).flatten(0, 1)
+
+    def mixed(self, pixels: slice) -> Float[Tensor, "p q 3"]:
+        """The table's light."""
+        assert self.light is not None
+        return self.light[:, pixels].movedim(0, 1).flatten(1, 2)
 
     def _coefficients(self, reflectance: Reflectance, like: Tensor) -> Float[Tensor, "b c"]:
         assert self.light is not None

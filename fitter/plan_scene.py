@@ -4,16 +4,16 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from fitter.consistent import require_consistent
 from fitter.fit_options import FitOptions
 from fitter.loading import load
 from fitter.parts import kinds_of
 from fitter.pipeline import setting_of, torch_device
 from fitter.planning import Planner
 from fitter.progress import Progress
-from fitter.tolerance import require_tolerance
 from renderer import gbuffer
 from renderer.errors import InputError
-from renderer.plan import Plan, require_choosable
+from renderer.plan import Plan
 from renderer.threads import one_thread_per_operation
 
 
@@ -24,9 +24,7 @@ def plan_scene(scene_file: Path, options: FitOptions, progress: Progress = lambd
         InputError: about the first thing in the input that is wrong.
     """
     device = torch_device(options.device)
-    require_choosable(options.wanted, options.unwanted)
-    if options.tolerance is not None:
-        require_tolerance(options.tolerance, options.fidelity)
+    require_consistent(options)
     progress("reading", 0)
     loaded = load(scene_file)
     with one_thread_per_operation():

@@ -15,6 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import torch
 from jaxtyping import Float
@@ -80,11 +81,16 @@ class Tangent:
         by_t = (added.by_k * f0_n - added.by_n * f0_k) / determinant
         return Tangent(added.value, (by_f0, by_t, added.by_alpha), (*by_n[0], metal.roughness))
 
-    def at(self, metal: Metal) -> Float[Tensor, "p 3"]:
-        """The value at another metal."""
-        place = (*_coordinates(metal.n, metal.k), metal.roughness)
+    @property
+    def mixed(self) -> Float[Tensor, "p 4 3"]:
+        """Value and slopes."""
+        return torch.stack([self.value, *self.slopes], 1)
+
+    def mixing(self, metal: Metal) -> Float[Tensor, "4 3"]:
+        """How much each of these counts at another metal: all of the value, and of each slope the way there."""
+        place = (*_coordinates(metal.n, metal.k), metal.roughness.expand(3))
         ways = (there - here for there, here in zip(place, self.origin, strict=True))
-        return self.value + sum(slope * way for slope, way in zip(self.slopes, ways, strict=True))
+        return torch.stack([torch.ones_like(metal.n), *ways])
 
 
 def _coordinates(n: Float[Tensor, "3"], k: Float[Tensor, "3"]) -> tuple[Float[Tensor, "3"], Float[Tensor, "3"]]:
@@ -118,7 +124,25 @@ class PolishedPixels(PixelModel):
     def radiance(self, material: Material) -> Float[Tensor, "p 3"]:
         """Radiance of every pixel."""
         assert isinstance(material, Metal)
-        return self.base.radiance(material) + sum(each.at(material) for each in self.added) / len(self.added)
+        added = torch.einsum("pqc,qc->pc", self._together, self.added[0].mixing(material))
+        return self.base.radiance(material) + added
+
+    def mixing(self, material: Material) -> Float[Tensor, "q 3"] | None:
+        """The base's, and that of what the paths add."""
+        direct = self.base.mixing(material)
+        if direct is None:
+            return None
+        assert isinstance(material, Metal)
+        return torch.cat([direct, self.added[0].mixing(material)])
+
+    def mixed(self, pixels: slice) -> Float[Tensor, "p q 3"]:
+        """The base's, and what the paths add."""
+        return torch.cat([self.base.mixed(pixels), self._together[pixels]], 1)
+
+    @cached_property
+    def _together(self) -> Float[Tensor, "p 4 3"]:
+        """The mean of all sets of paths, whose origin is the same metal."""
+        return torch.stack([each.mixed for each in self.added]).mean(0)
 
 
 @dataclass(frozen=True)

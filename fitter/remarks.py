@@ -5,8 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Any
 
-from fitter.result import FittedMaterial
-from fitter.verdicts import CHANNELS
+from fitter.result import CHANNELS, FittedMaterial
 
 PARAMETERS = ("n", "k", "color", "reflectance", "f0", "alpha", "roughness")
 

@@ -11,7 +11,7 @@ from torch import Tensor
 
 from fitter.derivative import jacobian
 from fitter.parameters import Coordinates
-from fitter.pixel_model import ExactPixels, PixelModel
+from fitter.pixel_model import PixelModel
 
 ROBUST_AT = (
     6.0  # standard deviations: a path tracer's noise is skewed, and a nearer threshold would favour its low side
@@ -49,11 +49,11 @@ class Residuals:
         return huber(torch.einsum("prc,pc->pr", self.whitening, self.difference(x)), ROBUST_AT)
 
     def mixes(self, x: Float[Tensor, " x"]) -> bool:
-        """Whether the picture is its light by `mixing` and nothing else."""
+        """Whether the picture is what the model has `mixed` by `mixing` and nothing else."""
         return self.model.mixing(self.coordinates.material(x)) is not None
 
-    def mixing(self, x: Float[Tensor, " x"]) -> Float[Tensor, "a b 3"]:
-        """How much each number of the table's light counts, where the picture is their sum."""
+    def mixing(self, x: Float[Tensor, " x"]) -> Float[Tensor, "q 3"]:
+        """How much each number of what is mixed counts."""
         found = self.model.mixing(self.coordinates.material(x))
         assert found is not None
         return found
@@ -62,9 +62,7 @@ class Residuals:
         """Derivative of the model; 0 where it is not finite."""
 
         if self.mixes(x):
-            assert isinstance(self.model, ExactPixels)
-            assert self.model.light is not None
-            found = torch.einsum("apbc,abcx->pcx", self.model.light, jacobian(self.mixing, x))
+            found = torch.einsum("pqc,qcx->pcx", self.model.mixed(slice(None)), jacobian(self.mixing, x))
         else:
             found = jacobian(self.difference, x)
         return found.nan_to_num(0.0, 0.0, 0.0)

@@ -12,13 +12,14 @@ import re
 from pathlib import Path
 from typing import Annotated, Generic, Literal, TypeVar
 
-from pydantic import AfterValidator, ConfigDict, Field
+from pydantic import AfterValidator, ConfigDict, Field, model_validator
 
 from renderer.atomic import write_text_atomically
 from renderer.checked import Checked, check, unexpected
 from renderer.errors import InputError
 
 FORMAT = 1
+CHANNELS = ("red", "green", "blue")
 Status = Literal["converged", "not_determined", "stopped"]
 MaterialType = Literal["metal", "glossy", "matte"]
 
@@ -97,6 +98,28 @@ class FromPrior(Record):
     photographs95: Intervals = Intervals()
 
 
+Coefficient = Annotated[float, Field(ge=-1, le=1)]
+
+
+class Correlation(Record):
+    """How the errors of a material's numbers go together, to first order.
+
+    Attributes:
+        numbers: those that have standard errors, such as "n of red".
+        coefficients: of each with each, in [-1, 1]; symmetric, 1 on the diagonal.
+    """
+
+    numbers: tuple[str, ...]
+    coefficients: tuple[tuple[Coefficient, ...], ...]
+
+    @model_validator(mode="after")
+    def _is_square(self) -> Correlation:
+        count = len(self.numbers)
+        if [len(row) for row in self.coefficients] != [count] * count:
+            raise unexpected("as many rows and columns of coefficients as numbers")
+        return self
+
+
 class _Named(Record):
     name: str
     type: MaterialType
@@ -112,6 +135,7 @@ class FittedMaterial(PerParameter[float], _Named):
         nearest: known materials, nearest first.
         from_prior: the numbers that known metals stand in for; None where all are the photographs'. Their errors and
             intervals are the prior's, too; `determined` remains what the photographs say.
+        correlation: of the photographs' own errors; None where fewer than two numbers have them.
     """
 
     stderr: StandardErrors = StandardErrors()
@@ -119,6 +143,7 @@ class FittedMaterial(PerParameter[float], _Named):
     determined: Determined = Determined()
     nearest: tuple[Nearest, ...] = ()
     from_prior: FromPrior | None = None
+    correlation: Correlation | None = None
 
 
 class PictureQuality(Record):

@@ -6,13 +6,14 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import TypeVar
 
 from fitter.choice import DECISIVE, Choice
+from fitter.correlation import correlation
 from fitter.measured import QUANTITIES, Measured, measured, of_viewer, paired, unseen
 from fitter.mixture import Borrowed, TooFar
 from fitter.prior import from_prior, with_prior
-from fitter.result import Determined, FittedMaterial, Intervals, Nearest, StandardErrors, Status
+from fitter.result import CHANNELS, Determined, FittedMaterial, Intervals, Nearest, StandardErrors, Status
 from fitter.search import Fit
 from fitter.uncertainty import Spread, is_determined
-from fitter.verdicts import CHANNELS, Seen, on_the_prior, sees_f0_only, verdicts
+from fitter.verdicts import Seen, on_the_prior, sees_f0_only, verdicts
 from fitter.viewer_roughness import RHO_PER_ALPHA, ViewerRoughness
 
 T = TypeVar("T")
@@ -53,6 +54,7 @@ def fitted_material(
         found["alpha"] = [Measured(found["roughness"][0].value / RHO_PER_ALPHA)]
     elif rho is not None:
         found["alpha"], found["roughness"] = found["roughness"], [of_viewer(rho)]
+    errors = correlation(fit, spread, found)
     trusted = fit.solution.status == "converged"
     known = {key: [trusted and _is_determined(kind, key, each) for each in found[key]] for key in found}
     taken = None
@@ -68,6 +70,7 @@ def fitted_material(
         determined=Determined(**_each(known, bool)),
         nearest=tuple(nearest),
         from_prior=taken,
+        correlation=errors,
     )
 
 

@@ -19,7 +19,7 @@ from torch import Tensor
 from fitter.choice import Choice, fit_type
 from fitter.derivative import jacobian
 from fitter.fidelity import Fidelity
-from fitter.measured import QUANTITIES
+from fitter.measured import QUANTITIES, name_of
 from fitter.result import MaterialType, Rung, Tolerance
 from fitter.search import Fit, Problem, anew
 from fitter.summary import rule
@@ -34,7 +34,6 @@ MOST_RUNGS = 6
 GROWTH = (1, 1.5, 2, 3, 4, 6, 8, 12)  # of pixels or samples from one rung to the next
 PER_PIXEL = 1200  # samples that take as long as all else that a pixel costs, rays and errors above all
 INTERPOLATED = 0.25  # share of the tolerance from which interpolation between levels calls for more of them
-CHANNELS = (" of red", " of green", " of blue")
 
 
 @dataclass(frozen=True)
@@ -43,6 +42,7 @@ class Ascent:
 
     Attributes:
         asked: the tolerance.
+        begun: when, by the clock that counts seconds.
         choice: the last fit.
         problem: what it was a fit of.
         rungs: all efforts, the last one last.
@@ -50,6 +50,7 @@ class Ascent:
     """
 
     asked: float
+    begun: float
     choice: Choice
     problem: Problem
     rungs: tuple[Rung, ...]
@@ -68,16 +69,21 @@ class Ascent:
         if last.movement is None:
             return f"No number is determined, so that none can be said to keep to {self.asked:.2g}."
         spent = f"after {last.seconds:.1f} s with {last.pixels} pixels of {last.samples} samples"
-        moves = f"no determined number is expected to be off by more than {last.movement:.2%}"
+        moves = f"no determined number is expected to be off by more than {_share(last.movement)}"
         if self.reached:
-            return f"{moves[0].upper()}{moves[1:]} ({last.of}), {self.asked:.2%} were asked for; {spent}."
-        worst = ", ".join(f"{name} {left:.1%}" for name, left in self.hopeless.items())
+            return f"{moves[0].upper()}{moves[1:]} ({last.of}), {_share(self.asked)} were asked for; {spent}."
+        worst = ", ".join(f"{name} {_share(left)}" for name, left in self.hopeless.items())
         why = (
             f"the photographs' own noise leaves {worst}, whatever the effort: more or cleaner photographs would help"
             if self.hopeless
             else f"after {MOST_RUNGS} steps the rest was left"
         )
-        return f"The {self.asked:.2%} asked for are not reached: {moves} ({last.of}); {why}; {spent}."
+        return f"The {_share(self.asked)} asked for are not reached: {moves} ({last.of}); {why}; {spent}."
+
+    def followed_by(self, fit: Fit, problem: Problem) -> Ascent:
+        """The same with a fit after the last one, whose numbers are reported instead: what is promised is of these."""
+        rung = _rung(outlook_of(fit, problem), time.perf_counter() - self.begun)
+        return replace(self, problem=problem, choice=replace(self.choice, fit=fit), rungs=(*self.rungs, rung))
 
     def record(self, name: str) -> Tolerance:
         """The same for `result.json`."""
@@ -203,7 +209,7 @@ def ascend(
         choice = replace(choice, fit=anew(problem, choice.fit))
     left = outlook.foreseen(outlook.most())
     hopeless = {name: float(each) for name, each in zip(outlook.names, left, strict=True) if each > tolerance}
-    return Ascent(tolerance, choice, problem, tuple(rungs), hopeless)
+    return Ascent(tolerance, begun, choice, problem, tuple(rungs), hopeless)
 
 
 def outlook_of(fit: Fit, problem: Problem) -> Outlook:
@@ -222,7 +228,7 @@ def outlook_of(fit: Fit, problem: Problem) -> Outlook:
         off = (jacobian(quantity, fit.x) @ moved).abs()
         for channel, (number, *ends) in enumerate(zip(value.tolist(), low.tolist(), high.tolist(), strict=True)):
             if number > 0 and is_determined(rule(kind, key), number, (ends[0], ends[1])):
-                names.append(key + (CHANNELS[channel] if len(value) == 3 else ""))
+                names.append(name_of(fit, key, channel if len(value) == 3 else None))
                 rows.append((float(error[channel]) / number, float(off[channel]) / number))
     found = torch.tensor(rows, dtype=torch.float64).reshape(-1, 2)
     fidelity, observed = problem.fidelity, problem.observed
@@ -259,3 +265,8 @@ def _rung(outlook: Outlook, seconds: float) -> Rung:
         of=worst,
         seconds=seconds,
     )
+
+
+def _share(value: float) -> str:
+    """In per cent, to three digits however small."""
+    return f"{100 * value:.3g} %"

@@ -10,11 +10,10 @@ import torch
 from fitter.mixture import Borrowed, TooFar
 from fitter.noise import darkest
 from fitter.parameters import Coordinates, MetalCoordinates
-from fitter.result import FittedMaterial
+from fitter.result import CHANNELS, FittedMaterial
 from fitter.search import Fit
 from fitter.selection import Observations
 
-CHANNELS = ("red", "green", "blue")
 PARAMETERS = ("f0", "n", "k", "color", "alpha")
 GRAZING = 60.0  # degrees: from there on metals of equal F0 differ
 STEEP = 75.0  # degrees: photographs that reach no further hold little of that difference

@@ -171,6 +171,12 @@ def test_a_result_of_the_viewers_model_is_refused(scene, refused):
     assert told == f"{path}: model.fidelity: is viewer with taps, expected preview or standard or reference: {WHY}"
 
 
+def test_a_result_of_an_approximate_reflectance_is_refused(scene, refused):
+    path = spoilt(scene, lambda data: data["model"].update(reflectance="lazanyi"))
+    told = refused(scene, "--result", path)
+    assert told == f"{path}: model.reflectance: is lazanyi, expected conductor: {WHY}"
+
+
 def test_a_polished_result_is_as_good(scene, call):
     path = spoilt(scene, lambda data: data["model"].update(fidelity="preview, polished by Mitsuba's path tracer"))
     code, out, err = call(scene, "--result", path)

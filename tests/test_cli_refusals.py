@@ -57,6 +57,14 @@ def spoil(scene: Path, old: str, new: str) -> None:
         (["fit", "a.toml", "-o", "x", "--seed", str(2**31)], "invalid value for '--seed'"),
         (["fit", "a.toml", "-o", ""], '-o: is "", expected a folder that can be written'),
         (["fit", "a.toml", "-o", "x", "--type", "wooden"], "'wooden' is not one of 'auto', 'metal'"),
+        (
+            ["fit", "a.toml", "-o", "x", "--polish", "--without", "interreflection"],
+            "--polish: is --without interreflection, expected one of the two, not both",
+        ),
+        (
+            ["fit", "a.toml", "-o", "x", "--with", "exact-fresnel", "--reflectance", "schlick"],
+            "--with: is exact-fresnel, --reflectance schlick, expected --reflectance conductor, which is exact",
+        ),
         (["synth", "-o", "x"], "synth: is without a material, expected --metal NAME, --n and --k, or --color"),
         (["synth", "--metal", "Unobtainium", "-o", "x"], "Unobtainium"),
         (["synth", "--metal", "Au", "--alpha", "3", "-o", "x"], "--alpha: is 3.0, expected"),

@@ -11,9 +11,11 @@ from fitter.condensed import condensed, solved
 from fitter.fidelity import PRESETS
 from fitter.noise import even_whitening
 from fitter.parameters import Interval, MetalCoordinates
+from fitter.polish import PolishedPixels, Tangent
 from fitter.residuals import ROBUST_AT, Residuals
 from fitter.setting import Setting
 from fitter.solve import SOLVERS, Solution
+from renderer.differentiable import Radiance
 from renderer.studio import studio
 from shaders.materials import Metal
 from tests.test_search import gold, surface_of
@@ -21,11 +23,19 @@ from tests.test_search import gold, surface_of
 SPAN = (0.15, 0.4)
 
 
-@pytest.fixture(scope="module")
-def residuals() -> Residuals:
-    """Gold of alpha 0.25 on 1200 pixels with 1 % of noise, one of them wrong by a factor."""
+@pytest.fixture(scope="module", params=["direct", "polished"])
+def residuals(request) -> Residuals:
+    """Gold of alpha 0.25 on 1200 pixels with 1 % of noise, one of them wrong by a factor; by the light table alone, or
+    with a tenth as much that paths add, of any slopes."""
     surface, setting = surface_of(24, 2), Setting(studio(128), (), PRESETS["preview"])
     model = setting.pixels(surface, body=False).under(setting.table(surface, (*SPAN, 5), 256))
+    if request.param == "polished":
+        direct, generator = model.radiance(gold(0.25)), torch.Generator().manual_seed(4)
+        drawn = [
+            Radiance(*0.1 * torch.rand(4, *direct.shape, generator=generator, dtype=torch.float64) * direct)
+            for _ in range(2)
+        ]
+        model = PolishedPixels(model, tuple(Tangent.of(each, gold(0.25)) for each in drawn))
     picture = model.radiance(gold(0.25))
     noise = torch.randn(picture.shape, generator=torch.Generator().manual_seed(1), dtype=torch.float64)
     seen = picture * (1 + 0.01 * noise)

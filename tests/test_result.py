@@ -7,6 +7,7 @@ from hypothesis import strategies as st
 from pydantic import ValidationError
 
 from fitter.result import (
+    Correlation,
     Determined,
     Effect,
     FittedMaterial,
@@ -86,7 +87,7 @@ def test_keys_are_the_contracts(tmp_path):
     top = "format status message materials quality exposure model effects time inputs"
     assert list(data) == top.split()
     material = data["materials"][0]
-    parts = {"name", "type", "stderr", "interval95", "determined", "nearest", "from_prior"}
+    parts = {"name", "type", "stderr", "interval95", "determined", "nearest", "from_prior", "correlation"}
     assert set(material) == PARAMETERS | parts
     assert all(set(material[part]) == PARAMETERS for part in ("stderr", "interval95", "determined"))
     assert material["color"] is None
@@ -105,6 +106,13 @@ def test_a_tolerance_is_told_where_one_was_asked_for(tmp_path):
     write_result(written, tmp_path / "result.json")
     assert strictly_parsed(tmp_path / "result.json")["tolerance"][0]["rungs"][0]["movement"] == 0.02
     assert read_result(tmp_path / "result.json") == written
+
+
+def test_correlations_are_a_square_of_coefficients():
+    assert Correlation(numbers=("a", "b"), coefficients=((1, 0.5), (0.5, 1))).coefficients[0] == (1, 0.5)
+    for wrong in (((1, 0.5),), ((1, 0.5), (0.5,)), ((1, 1.5), (1.5, 1))):
+        with pytest.raises(ValueError, match="coefficients"):
+            Correlation(numbers=("a", "b"), coefficients=wrong)
 
 
 finite = st.floats(allow_nan=False, allow_infinity=False)

@@ -1,0 +1,21 @@
+"""Options of a fit that do not go together, found before anything is read."""
+
+from __future__ import annotations
+
+from fitter.fit_options import FitOptions
+from fitter.tolerance import require_tolerance
+from renderer.errors import InputError
+from renderer.plan import require_choosable
+
+
+def require_consistent(options: FitOptions) -> None:
+    """Raises InputError where one option takes what another one gives: names both."""
+    require_choosable(options.wanted, options.unwanted)
+    if options.polish and "interreflection" in options.unwanted:
+        raise InputError("--polish", value="--without interreflection", expected="one of the two, not both")
+    reflectance = options.fidelity.reflectance
+    if "exact-fresnel" in options.wanted and reflectance != "conductor":
+        expected = "--reflectance conductor, which is exact"
+        raise InputError("--with", value=f"exact-fresnel, --reflectance {reflectance}", expected=expected)
+    if options.tolerance is not None:
+        require_tolerance(options.tolerance, options.fidelity)
