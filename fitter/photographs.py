@@ -70,8 +70,12 @@ def read_photograph(spec: PhotographSpec, scene_file: str | Path, index: int = 0
     if spec.mask is not None:
         inside &= _mask(spec.mask, radiance.shape[:2], scene_file, f"{field}.mask")
     if not inside.any():
-        source = spec.mask or spec.image
-        raise InputError(scene_file, field, source.name, "a mask or alpha channel with fully covered pixels")
+        if spec.mask is None:
+            raise InputError(
+                scene_file, f"{field}.image", spec.image.name, "an alpha channel with fully covered pixels"
+            )
+        expected = "white pixels whose neighbours are white as well: 3 × 3 at least"
+        raise InputError(scene_file, f"{field}.mask", spec.mask.name, expected)
     usable = inside & finite & ~clipped
     radiance = radiance if finite.all() else torch.where(finite[..., None], radiance, 0.0)
     wrong = _unusable(radiance, inside & finite, usable)

@@ -108,7 +108,7 @@ class Places:
         return Places(strata, jitter, shift)
 
     def __getitem__(self, chosen: Tensor | slice) -> Float[Tensor, "p r 2"]:
-        """Row and column of each ray within the chosen pixels, in (0, 1)."""
+        """Row and column of each ray within the chosen pixels, in [0, 1]."""
         along = torch.arange(self.strata)
         cell = torch.stack(torch.meshgrid(along, along, indexing="ij"), -1).reshape(-1, 2)
         within = (self.jitter + self.shift[chosen][:, :, None]) % 1

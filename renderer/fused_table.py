@@ -29,7 +29,7 @@ _SAMPLES = 1 << 23  # of all levels in one launch: half a second, after which Ct
 _RAYS = 1 << 18  # in one launch: bounds the memory to some 150 MB beside the table itself
 _PIXELS = 256  # in one launch at least: fewer leave cores idle
 _CELLS = 64  # rows of the grid by which pixels are put in order
-_LEVELS = 6  # levels to one kernel: their 36 sums per level and dozen of polynomials still fit the first cache
+_LEVELS = 6  # levels to one kernel: their 36 sums per level and dozen of functions still fit the first cache
 
 
 @functools.cache

@@ -112,6 +112,8 @@ class CameraSpec(Checked):
             raise unexpected("either origin and target, or matrix", value=found)
         if "scale" in self.model_fields_set and self.projection == "perspective":
             raise unexpected('projection = "orthographic" beside it', key="scale", value=self.scale)
+        if self.matrix is None and not any(self.up):
+            raise unexpected("a direction, not 0", key="up", value=self.up)
         try:
             self.pose()
         except ValueError:

@@ -198,7 +198,7 @@ def test_masks_of_another_size(refused, gold_scene):
 
 def test_empty_masks(refused, gold_scene):
     told = refused("fit", masked(gold_scene, np.zeros((40, 40), bool)), "-o", gold_scene.parent / "out")
-    assert "photographs[0]: is mask.png, expected a mask or alpha channel with fully covered pixels" in told
+    assert "photographs[0].mask: is mask.png, expected white pixels" in told
 
 
 def test_maps_of_another_shape(refused, gold_scene):

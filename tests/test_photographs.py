@@ -129,7 +129,7 @@ def test_mask_of_another_size_names_both(spec):
 def test_empty_mask(spec, thickness):
     white = np.zeros((HEIGHT, WIDTH), bool)
     white[2 : 2 + thickness] = True
-    sentence = r"scene\.toml: photographs\[0\]: is mask\.png, expected a mask .* with fully covered pixels"
+    sentence = r"scene\.toml: photographs\[0\]\.mask: is mask\.png, expected white pixels .* 3 × 3 at least"
     with pytest.raises(InputError, match=sentence):
         read_photograph(spec(ones(), white), "scene.toml")
 

@@ -146,6 +146,7 @@ SLIPS = {
     ("fov = 35.0", f"matrix = {POSE}"): "camera: is .*, expected either origin and target, or matrix",
     ("fov = 35.0", "scale = 2"): r"camera\.scale: is 2\.0, expected projection = \"orthographic\" beside it",
     ("target = [0, 0, 0]", "target = [0, 0, 4]"): r"camera\.target: is \(0.0, 0.0, 4.0\), expected a point apart from",
+    ("up = [0, 1, 0]", "up = [0, 0, 0]"): r"camera\.up: is \(0.0, 0.0, 0.0\), expected a direction, not 0",
     ("up = [0, 1, 0]", "up = [0, 0, 1]"): r"camera\.target: .* not straight along up",
     ("up = [0, 1, 0]", "up = [0, 1]"): r"camera\.up\[2\]: expected a value here, but it is missing",
     ("up = [0, 1, 0]", "up = 1"): r"camera\.up: is 1, expected a list",
