@@ -71,9 +71,8 @@ def read_photograph(spec: PhotographSpec, scene_file: str | Path, index: int = 0
         inside &= _mask(spec.mask, radiance.shape[:2], scene_file, f"{field}.mask")
     if not inside.any():
         if spec.mask is None:
-            raise InputError(
-                scene_file, f"{field}.image", spec.image.name, "an alpha channel with fully covered pixels"
-            )
+            expected = "an alpha channel with fully covered pixels"
+            raise InputError(scene_file, f"{field}.image", spec.image.name, expected)
         expected = "white pixels whose neighbours are white as well: 3 × 3 at least"
         raise InputError(scene_file, f"{field}.mask", spec.mask.name, expected)
     usable = inside & finite & ~clipped

@@ -174,7 +174,7 @@ def _terms(
     distribution: Distribution,
     degree: int,
 ) -> list[Any]:
-    """What a direction drawn from the lobe and one from the light add: by roughness, function of the basis and channel."""
+    """What a direction drawn from the lobe and one from the light add: by roughness, function and channel."""
     first, second = (_weighted(view, drawn, group, distribution) for drawn in (from_lobe, from_light))
     bases = [_basis(drawn.cos_d, degree) for drawn in (from_lobe, from_light)]
     return [
