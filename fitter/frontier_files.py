@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
+from fitter.devices import torch_device
 from fitter.frontier import Frontier, frontier_of
 from fitter.frontier_errors import truth_beside
 from fitter.frontier_rungs import Rung
@@ -28,7 +29,8 @@ class Question:
         repeats: of each.
         by: the error that counts.
         choices: whether the rungs are single choices around the first.
-        options: of `fit`, for every run.
+        type: of materials that the scene leaves open.
+        device: where light is integrated.
     """
 
     scene: Path
@@ -36,12 +38,18 @@ class Question:
     repeats: int
     by: str
     choices: bool
-    options: tuple[str, ...]
+    type: str
+    device: str
 
     @property
     def stem(self) -> str:
         """What the files are called."""
         return "choices" if self.choices else "frontier"
+
+    @property
+    def options(self) -> tuple[str, ...]:
+        """Of `fit`, for every run."""
+        return "--type", self.type, "--device", self.device
 
 
 def compare(question: Question, out: Path, command: str, progress: Progress) -> Frontier:
@@ -53,8 +61,9 @@ def compare(question: Question, out: Path, command: str, progress: Progress) -> 
         progress: told the share of the runs that are done.
 
     Raises:
-        InputError: scene, truth or an option is wrong, or the folder cannot be written.
+        InputError: device, scene, truth or an option is wrong, or the folder cannot be written.
     """
+    torch_device(question.device)  # before a folder is made
     truth = truth_beside(question.scene)
     inputs = input_files(read_scene(question.scene), question.scene)
     experiment = Experiment(question.scene, inputs, question.options, _folder(out))

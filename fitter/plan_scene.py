@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from fitter.devices import torch_device
 from fitter.fit_options import FitOptions
 from fitter.loading import load
 from fitter.parts import kinds_of
-from fitter.pipeline import setting_of, torch_device
+from fitter.pipeline import setting_of
 from fitter.planning import Planner
 from fitter.progress import Progress
 from fitter.tolerance import require_tolerance

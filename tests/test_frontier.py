@@ -241,7 +241,12 @@ def test_rungs_are_chosen_by_name_in_the_ladders_order():
 
 @pytest.mark.parametrize(
     ("names", "sentence"),
-    [("standrad,viewer", r"--rungs: is standrad, expected names .* viewer"), ("viewer", "expected two rungs at least")],
+    [
+        ("standrad,viewer", r"--rungs: is standrad, expected names .* viewer"),
+        ("viewer", "expected two rungs at least"),
+        ("", '--rungs: is "", expected names'),
+        ("viewer,", '--rungs: is "", expected names'),
+    ],
 )
 def test_slips_in_names_are_told(names, sentence):
     with pytest.raises(InputError, match=sentence):
