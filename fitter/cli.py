@@ -89,15 +89,18 @@ def main() -> NoReturn:
 
 
 def _watch_for_interrupts() -> threading.Event:
-    """An event that Ctrl-C sets: a library that is being imported may turn the interrupt into an error of its own."""
+    """An event that Ctrl-C and SIGTERM set: a library that is being imported may make an error of its own of them."""
     pressed = threading.Event()
 
     def note(signum: int, frame: object) -> None:
+        again = pressed.is_set()
         pressed.set()
-        raise KeyboardInterrupt
+        if not again or signum == signal.SIGINT:  # `timeout` sends SIGTERM twice: the first one's sweeping goes on
+            raise KeyboardInterrupt
 
     with suppress(ValueError):  # outside the main thread nobody sends signals
         signal.signal(signal.SIGINT, note)
+        signal.signal(signal.SIGTERM, note)
     return pressed
 
 

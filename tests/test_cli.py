@@ -307,7 +307,8 @@ def wait_for_library(pid: int, name: str) -> None:
         time.sleep(0.02)
 
 
-def test_ctrl_c_at_the_start_is_as_quiet(gold_photographs, tmp_path):
+@pytest.mark.parametrize("sent", [signal.SIGINT, signal.SIGTERM])
+def test_ctrl_c_at_the_start_is_as_quiet(gold_photographs, tmp_path, sent):
     process = subprocess.Popen(
         [*COMMAND, "fit", gold_photographs / "scene.toml", "-o", tmp_path / "out"],
         stdout=subprocess.PIPE,
@@ -316,7 +317,7 @@ def test_ctrl_c_at_the_start_is_as_quiet(gold_photographs, tmp_path):
         env=ENVIRONMENT,
     )
     wait_for_library(process.pid, "torch")  # while it and jax are being imported
-    process.send_signal(signal.SIGINT)
+    process.send_signal(sent)
     output, errors = process.communicate()
     assert (process.returncode, output) == (130, "")
     assert errors == "fit-material: interrupted; files of earlier results are as they were\n"

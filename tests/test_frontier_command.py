@@ -9,6 +9,7 @@ import signal
 import subprocess
 import sys
 import time
+from contextlib import suppress
 from pathlib import Path
 
 import pytest
@@ -66,6 +67,37 @@ def test_ctrl_c_keeps_what_is_done(scene, tmp_path):
     assert process.returncode == 130
     assert said.decode().startswith("fit-material: interrupted")
     assert [json.loads(path.read_text())["rung"] for path in runs.iterdir()] == ["viewer"]
+
+
+def naming(path: Path) -> list[int]:
+    """Processes with that path in their command line."""
+    lines = {int(each.name): each / "cmdline" for each in Path("/proc").iterdir() if each.name.isdecimal()}
+    found = []
+    for process, line in lines.items():
+        with suppress(OSError):  # it has ended meanwhile
+            found += [process] if str(path).encode() in line.read_bytes() else []
+    return found
+
+
+@pytest.mark.skipif(not Path("/proc/self/cmdline").exists(), reason="processes are looked up in /proc")
+def test_sigterm_ends_the_fit_and_sweeps_its_folder(scene, tmp_path):
+    """Sent twice, as `timeout` does; what an earlier run has left is not this one's."""
+    runs = tmp_path / "runs"
+    (runs / ".unfinished-earlier").mkdir(parents=True)
+    command = [*COMMAND, scene, "-o", tmp_path, *RUNGS]
+    with subprocess.Popen(command, env=ENVIRONMENT, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE) as process:
+        while not naming(runs):  # the fit's -o
+            assert process.poll() is None
+            time.sleep(0.05)
+        process.send_signal(signal.SIGTERM)
+        process.send_signal(signal.SIGTERM)
+        _, said = process.communicate()
+    left = naming(runs)
+    for each in left:
+        os.kill(each, signal.SIGKILL)
+    assert left == []
+    assert (process.returncode, said.decode().partition(";")[0]) == (130, "fit-material: interrupted")
+    assert [path.name for path in runs.iterdir()] == [".unfinished-earlier"]
 
 
 def test_wrong_input_of_a_fit_is_told_in_its_own_words(scene, tmp_path):
