@@ -295,7 +295,20 @@ def test_a_run_is_kept_and_not_made_again(experiment, monkeypatch):
     Experiment(experiment.scene, experiment.inputs, ("--type", "metal"), experiment.folder).run(rung, 0)
     monkeypatch.setattr(frontier_runs, "versions", lambda: {"fit-material": "999"})
     experiment.run(rung, 0)
-    assert len(made) == 5
+    monkeypatch.setattr(frontier_runs, "code_digest", lambda: "changed")
+    experiment.run(rung, 0)
+    assert len(made) == 6
+
+
+@pytest.mark.parametrize("damage", [b"{", b"", b"\xff", b"[]", b'{"format": 2}', b"[" * 200_000])
+def test_a_damaged_run_is_made_again(experiment, monkeypatch, damage):
+    monkeypatch.setattr(Experiment, "_fresh", lambda self, rung, seed: run(rung.name, seed))
+    first = experiment.run(LADDER[0], 0)
+    (kept,) = experiment.folder.iterdir()
+    whole = kept.read_bytes()
+    kept.write_bytes(damage)
+    assert experiment.run(LADDER[0], 0) == first
+    assert kept.read_bytes() == whole
 
 
 def test_a_failed_run_is_not_kept(experiment, monkeypatch):
