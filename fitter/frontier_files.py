@@ -7,10 +7,10 @@ from pathlib import Path
 
 from fitter.devices import torch_device
 from fitter.frontier import Frontier, frontier_of
-from fitter.frontier_errors import truth_beside
+from fitter.frontier_errors import require_of_scene, truth_beside
 from fitter.frontier_rungs import Rung
 from fitter.frontier_runs import Experiment, all_runs
-from fitter.loading import input_files
+from fitter.loading import input_files, material_names
 from fitter.progress import Progress
 from renderer.atomic import replaced_together, write_bytes_atomically, write_text_atomically
 from renderer.errors import InputError
@@ -64,8 +64,10 @@ def compare(question: Question, out: Path, command: str, progress: Progress) -> 
         InputError: device, scene, truth or an option is wrong, or the folder cannot be written.
     """
     torch_device(question.device)  # before a folder is made
-    truth = truth_beside(question.scene)
-    inputs = input_files(read_scene(question.scene), question.scene)
+    truth, scene = truth_beside(question.scene), read_scene(question.scene)
+    if truth is not None:
+        require_of_scene(truth, material_names(scene, question.scene), question.scene)
+    inputs = input_files(scene, question.scene)
     experiment = Experiment(question.scene, inputs, question.options, _folder(out))
     runs = all_runs(experiment, question.rungs, question.repeats, progress)
     found = frontier_of(str(question.scene), question.rungs, runs, truth, question.by, question.choices)

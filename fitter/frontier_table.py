@@ -63,7 +63,7 @@ def sentences(frontier: Frontier) -> list[str]:
     """What the numbers mean, and what follows from them."""
     repeats = max((len(row.statuses) for row in frontier.rows), default=0)
     runs = f"medians of {repeats} runs" if repeats > 1 else "of one run each"
-    told = [f"Errors are against {frontier.against}; {runs}."]
+    told = [f"Errors are against {frontier.against}; {runs}.", *frontier.gaps]
     told.append("Where errors fall no further, they are the photographs' own noise, and chance ranks the rungs.")
     told.append(f"picture: against the photographs. Who beats whom goes by {frontier.by!r} and the command's time.")
     if frontier.knee is not None:

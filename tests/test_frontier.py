@@ -19,7 +19,7 @@ from hypothesis import strategies as st
 
 from fitter import frontier_runs
 from fitter.frontier import ERRORS, STAGES, frontier_of, knee, spread
-from fitter.frontier_errors import Reference, consensus, errors, truth_beside
+from fitter.frontier_errors import Reference, consensus, errors, require_of_scene, truth_beside
 from fitter.frontier_page import render_frontier
 from fitter.frontier_plot import frontier_png
 from fitter.frontier_rungs import CHOICES, LADDER, Rung, named
@@ -98,6 +98,32 @@ def test_a_truth_that_is_none_is_told(tmp_path):
     (tmp_path / "truth.json").write_text('{"materials": [{"name": "a", "type": "wood"}]}')
     with pytest.raises(InputError, match=r"truth.json: materials\[0\].type: is \"wood\", expected"):
         truth_beside(scene)
+
+
+def test_a_truth_of_another_scene_is_told(tmp_path):
+    scene = tmp_path / "scene.toml"
+    require_of_scene(TRUTH, ("default", "base"), scene)
+    expected = f"the name of a material of {scene}: a, b; or no truth.json there"
+    with pytest.raises(InputError) as told:
+        require_of_scene(TRUTH, ("a", "b"), scene)
+    assert str(told.value) == f"{tmp_path / 'truth.json'}: materials[].name: is default, expected {expected}"
+
+
+def test_what_came_out_of_another_type_than_the_truths_is_told():
+    clay = FittedMaterial(name="default", type="matte", color=(0.5, 0.5, 0.5))
+    runs = [run("a", materials=(clay,)), run("b"), run("a", 1, materials=(clay,)), run("b", 1)]
+    told = "default is metal in truth.json but came out as matte from a: no errors of it there."
+    found = frontier_of("scene", rungs("a", "b"), runs, TRUTH)
+    assert found.gaps == (told,)
+    assert told in terminal_table(found).splitlines()
+    assert told in render_frontier(found, "A title")
+    assert frontier_of("scene", rungs("a", "b"), runs[1::2], TRUTH).gaps == ()
+
+
+def test_a_material_that_the_truth_lacks_is_told():
+    runs = [run(materials=(metal(), metal().model_copy(update={"name": "lid"})))]
+    found = frontier_of("scene", rungs("a"), runs, TRUTH)
+    assert found.gaps == ("lid is not in truth.json: the errors are without it.",)
 
 
 # Frontier and knee

@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import json
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -107,6 +108,16 @@ def test_wrong_input_of_a_fit_is_told_in_its_own_words(scene, tmp_path):
     assert done.returncode == 2
     expected = 'photographs[0].exposure: is "fit", expected a number: exposures are not fitted so far'
     assert done.stderr == f"fit-material: {spoilt}: {expected}\n"
+
+
+def test_a_truth_of_another_scene_is_told_before_any_fit(scene, tmp_path):
+    other = shutil.copytree(scene.parent, tmp_path / "other") / "scene.toml"
+    truth = other.with_name("truth.json")
+    truth.write_text(truth.read_text().replace('"name": "default"', '"name": "lid"'))
+    done = run(other, "-o", tmp_path / "new", *RUNGS)
+    sentence = f"materials[].name: is lid, expected the name of a material of {other}: default; or no truth.json there"
+    assert (done.returncode, done.stderr) == (2, f"fit-material: {truth}: {sentence}\n")
+    assert not (tmp_path / "new").exists()
 
 
 @pytest.mark.parametrize(
