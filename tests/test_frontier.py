@@ -232,6 +232,12 @@ def test_json_is_strict_and_says_what_the_table_says(three):
     assert "against the truth" in table
 
 
+def test_the_table_of_medians_says_where_the_ranges_are(three):
+    told = "The range of the repeats is in the page, and in the .csv and .json beside it."
+    assert told in terminal_table(three).splitlines()
+    assert told not in terminal_table(frontier_of("scene", rungs("a"), [run("a")], TRUTH))
+
+
 def test_the_page_loads_nothing_and_shows_every_rung(three):
     page = render_frontier(three, "A title", "fit-material frontier <scene>")
     addresses: list[str] = []
