@@ -20,7 +20,7 @@ from fitter.command_options import Out
 from fitter.fit_command import DONE, NO_MATERIAL, demo, fit
 from fitter.frontier_command import frontier
 from fitter.plan_command import plan
-from fitter.printing import flush, say
+from fitter.printing import Unwritable, flush, open_streams, say
 from fitter.probe_command import probe
 from fitter.selftest_command import selftest
 from fitter.synth_command import synth
@@ -49,11 +49,13 @@ app.command()(selftest)
 
 def program() -> NoReturn:
     """`main` in a process of its own, which ends with it: to take torch, JAX and Dr.Jit down takes another second."""
+    open_streams()
     try:
         main()
     except SystemExit as ended:
         flush()
-        sys.stderr.flush()
+        with suppress(OSError):  # nobody reads errors, or they cannot be written
+            sys.stderr.flush()
         atexit._run_exitfuncs()
         os._exit(ended.code if isinstance(ended.code, int) else DONE)
 
@@ -73,6 +75,8 @@ def main() -> NoReturn:
         _fail(str(error), WRONG_INPUT)
     except TyperException as error:
         _fail(_usage(error), WRONG_INPUT)
+    except Unwritable as error:
+        _fail(str(error), NO_MATERIAL)
     except KeyboardInterrupt:
         _fail(UNTOUCHED, INTERRUPTED)
     except Exception as error:
@@ -85,15 +89,18 @@ def main() -> NoReturn:
 
 
 def _watch_for_interrupts() -> threading.Event:
-    """An event that Ctrl-C sets: a library that is being imported may turn the interrupt into an error of its own."""
+    """An event that Ctrl-C and SIGTERM set: a library that is being imported may make an error of its own of them."""
     pressed = threading.Event()
 
     def note(signum: int, frame: object) -> None:
+        again = pressed.is_set()
         pressed.set()
-        raise KeyboardInterrupt
+        if not again or signum == signal.SIGINT:  # `timeout` sends SIGTERM twice: the first one's sweeping goes on
+            raise KeyboardInterrupt
 
     with suppress(ValueError):  # outside the main thread nobody sends signals
         signal.signal(signal.SIGINT, note)
+        signal.signal(signal.SIGTERM, note)
     return pressed
 
 
@@ -103,6 +110,9 @@ def _run(arguments: list[str]) -> int:
         code = app(arguments, prog_name="fit-material", standalone_mode=False)
     except SystemExit:  # typer's own, where nobody reads the help
         code = DONE
+    except OSError:
+        flush()  # fails once more where it was the help that could not be written
+        raise
     flush()
     return code
 
@@ -116,7 +126,8 @@ def _usage(error: TyperException) -> str:
 
 
 def _fail(sentence: str, code: int) -> NoReturn:
-    print(f"fit-material: {sentence}", file=sys.stderr)
+    with suppress(OSError):  # the exit code is told all the same
+        print(f"fit-material: {sentence}", file=sys.stderr)
     sys.exit(code)
 
 
@@ -124,7 +135,7 @@ def _version(wanted: bool) -> None:
     if wanted:
         from importlib.metadata import version
 
-        print(f"fit-material {version('fit-material')}")
+        say(f"fit-material {version('fit-material')}")
         raise typer.Exit
 
 

@@ -10,7 +10,8 @@ import typer
 from renderer.errors import InputError
 
 
-def _folder(text: str | Path) -> Path:
+def output_folder(text: str | Path) -> Path:
+    """`Path("")` would be this folder, which nobody meant."""
     if not str(text):
         raise InputError("-o", value='""', expected="a folder that can be written; . is this one")
     return Path(text)
@@ -19,7 +20,7 @@ def _folder(text: str | Path) -> Path:
 Out = Annotated[
     Path,
     typer.Option(
-        "-o", "--out", metavar="PATH", parser=_folder, help="Folder for the results; made if it is not there."
+        "-o", "--out", metavar="PATH", parser=output_folder, help="Folder for the results; made if it is not there."
     ),
 ]
 Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Show no progress.")]

@@ -7,7 +7,7 @@ import platform
 import statistics
 from collections.abc import Sequence
 
-from fitter.frontier_errors import NUMBERS, Reference, consensus, errors
+from fitter.frontier_errors import NUMBERS, Reference, consensus, errors, gaps
 from fitter.frontier_rungs import Rung
 from fitter.frontier_runs import Run, versions
 from fitter.result import Record
@@ -68,6 +68,7 @@ class Frontier(Record):
     Attributes:
         scene: its path.
         against: what the errors are measured against, in words.
+        gaps: sentences on materials that have no errors.
         by: the error that frontier and knee are made of.
         frontier: the rungs that none beats, from the fastest to the nearest.
         knee: one of them; None where they have none, as single choices have.
@@ -77,6 +78,7 @@ class Frontier(Record):
 
     scene: str
     against: str
+    gaps: tuple[str, ...] = ()
     by: str
     rows: tuple[Row, ...]
     frontier: tuple[str, ...]
@@ -114,6 +116,7 @@ def frontier_of(
     return Frontier(
         scene=scene,
         against=_against(truth, finest),
+        gaps=() if truth is None else gaps(runs, truth),
         by=by,
         rows=tuple(rows),
         frontier=tuple(row.rung for row in front),

@@ -11,7 +11,7 @@ from typing import Annotated
 
 import typer
 
-from fitter.command_options import Device, Quiet
+from fitter.command_options import Device, Quiet, output_folder
 from fitter.option_names import TypeName
 from fitter.printing import say
 from fitter.progress import progress_bar
@@ -30,7 +30,12 @@ class ErrorName(enum.StrEnum):
 
 def frontier(
     scene: Annotated[Path, typer.Argument(metavar="SCENE.toml")],
-    out: Annotated[Path, typer.Option("-o", "--out", metavar="PATH", help="Folder for table, plot, page, and runs.")],
+    out: Annotated[
+        Path,
+        typer.Option(
+            "-o", "--out", metavar="PATH", parser=output_folder, help="Folder for table, plot, page, and runs."
+        ),
+    ],
     choices: Annotated[
         bool, typer.Option("--choices", help="Single choices around the standard rung, in the ladder's place.")
     ] = False,
@@ -51,13 +56,11 @@ def frontier(
     chosen = named(CHOICES if choices else LADDER, rungs)
     if not 1 <= repeats <= 100:
         raise InputError("--repeats", value=repeats, expected="a whole number from 1 to 100")
-    if not str(out):
-        raise InputError("-o", value='""', expected="a folder that can be written; . is this one")
     with progress_bar(quiet) as progress:
         progress("starting", 0)
         from fitter.frontier_files import Question, compare
 
-        asked = Question(scene, chosen, repeats, by.value, choices, ("--type", type_.value, "--device", device))
+        asked = Question(scene, chosen, repeats, by.value, choices, type_.value, device)
         found = compare(asked, out, shlex.join(["fit-material", *sys.argv[1:]]), progress)
     from fitter.frontier_table import terminal_table
 

@@ -14,6 +14,7 @@ from fitter.result import FittedMaterial, MaterialType
 from renderer.checked import Checked, check
 from renderer.errors import InputError
 
+TRUTH = "truth.json"
 NUMBERS = ("n", "k", "f0", "alpha", "color")
 Triple = tuple[float, float, float]
 Values = Sequence[float | None]
@@ -52,7 +53,7 @@ def truth_beside(scene: Path) -> tuple[Reference, ...] | None:
     Raises:
         InputError: the file is no truth as `synth` writes it.
     """
-    path = scene.with_name("truth.json")
+    path = scene.with_name(TRUTH)
     if not path.exists():
         return None
     try:
@@ -60,6 +61,38 @@ def truth_beside(scene: Path) -> tuple[Reference, ...] | None:
     except (OSError, ValueError) as error:
         raise InputError(path, expected=f"JSON as `fit-material synth` writes it ({error})") from error
     return check(_TruthFile, data, path).materials
+
+
+def require_of_scene(truth: Sequence[Reference], materials: Sequence[str], scene: Path) -> None:
+    """Refuse a truth that knows none of the scene's materials.
+
+    Args:
+        truth: of `truth_beside`.
+        materials: the names of the scene's.
+        scene: scene file.
+
+    Raises:
+        InputError: no name is the same.
+    """
+    told = [reference.name for reference in truth]
+    if not set(told) & set(materials):
+        expected = f"the name of a material of {scene}: {', '.join(materials)}; or no {TRUTH} there"
+        raise InputError(scene.with_name(TRUTH), "materials[].name", ", ".join(told) or "[]", expected)
+
+
+def gaps(runs: Sequence[Run], truth: Sequence[Reference]) -> tuple[str, ...]:
+    """A sentence for each material that the runs have no errors of: another type came out, or the truth lacks it."""
+    told = []
+    for right in truth:
+        named = [(run.rung, each.type) for run in runs for each in run.materials if each.name == right.name]
+        other = [(rung, kind) for rung, kind in named if kind != right.type]
+        if other:
+            rungs, kinds = (", ".join(dict.fromkeys(part)) for part in zip(*other, strict=True))
+            said = f"{right.name} is {right.type} in {TRUTH} but came out as {kinds} from {rungs}"
+            told.append(f"{said}: no errors of it there.")
+    known = {right.name for right in truth}
+    lacking = dict.fromkeys(each.name for run in runs for each in run.materials if each.name not in known)
+    return *told, *(f"{name} is not in {TRUTH}: the errors are without it." for name in lacking)
 
 
 def consensus(runs: Sequence[Run]) -> tuple[Reference, ...]:

@@ -5,11 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
+from fitter.devices import torch_device
 from fitter.frontier import Frontier, frontier_of
-from fitter.frontier_errors import truth_beside
+from fitter.frontier_errors import require_of_scene, truth_beside
 from fitter.frontier_rungs import Rung
 from fitter.frontier_runs import Experiment, all_runs
-from fitter.loading import input_files
+from fitter.loading import input_files, material_names
 from fitter.progress import Progress
 from renderer.atomic import replaced_together, write_bytes_atomically, write_text_atomically
 from renderer.errors import InputError
@@ -28,7 +29,8 @@ class Question:
         repeats: of each.
         by: the error that counts.
         choices: whether the rungs are single choices around the first.
-        options: of `fit`, for every run.
+        type: of materials that the scene leaves open.
+        device: where light is integrated.
     """
 
     scene: Path
@@ -36,12 +38,18 @@ class Question:
     repeats: int
     by: str
     choices: bool
-    options: tuple[str, ...]
+    type: str
+    device: str
 
     @property
     def stem(self) -> str:
         """What the files are called."""
         return "choices" if self.choices else "frontier"
+
+    @property
+    def options(self) -> tuple[str, ...]:
+        """Of `fit`, for every run."""
+        return "--type", self.type, "--device", self.device
 
 
 def compare(question: Question, out: Path, command: str, progress: Progress) -> Frontier:
@@ -53,10 +61,13 @@ def compare(question: Question, out: Path, command: str, progress: Progress) -> 
         progress: told the share of the runs that are done.
 
     Raises:
-        InputError: scene, truth or an option is wrong, or the folder cannot be written.
+        InputError: device, scene, truth or an option is wrong, or the folder cannot be written.
     """
-    truth = truth_beside(question.scene)
-    inputs = input_files(read_scene(question.scene), question.scene)
+    torch_device(question.device)  # before a folder is made
+    truth, scene = truth_beside(question.scene), read_scene(question.scene)
+    if truth is not None:
+        require_of_scene(truth, material_names(scene, question.scene), question.scene)
+    inputs = input_files(scene, question.scene)
     experiment = Experiment(question.scene, inputs, question.options, _folder(out))
     runs = all_runs(experiment, question.rungs, question.repeats, progress)
     found = frontier_of(str(question.scene), question.rungs, runs, truth, question.by, question.choices)

@@ -65,7 +65,8 @@ def named(rungs: Sequence[Rung], names: str | None) -> tuple[Rung, ...]:
     known = [rung.name for rung in rungs]
     for name in wanted:
         if name not in known:
-            raise InputError("--rungs", value=name, expected=f"names separated by commas, of {', '.join(known)}")
+            expected = f"names separated by commas, of {', '.join(known)}"
+            raise InputError("--rungs", value=name or '""', expected=expected)
     found = tuple(rung for rung in rungs if rung.name in wanted)
     if len(found) < 2:
         raise InputError("--rungs", value=names, expected="two rungs at least, to compare")

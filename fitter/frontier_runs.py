@@ -15,6 +15,7 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Literal
 
+from fitter.code_digest import code_digest
 from fitter.frontier_rungs import Rung
 from fitter.result import FittedMaterial, InputFile, NonNegative, Record, Result, Time, read_result
 from renderer.atomic import write_text_atomically
@@ -81,12 +82,15 @@ class Experiment:
     def run(self, rung: Rung, seed: int) -> Run:
         """The run as it is kept, or made now; one that failed is not kept.
 
+        A kept file that cannot be read counts for none, and is replaced: all that it held can be had again.
+
         Raises:
             InputError: the fit refuses its input.
         """
         kept = self.folder / f"{self._key(rung, seed)}.json"
-        if kept.exists():
-            return check(Run, json.loads(kept.read_text(encoding="utf-8")), kept)
+        found = _read(kept)
+        if found is not None:
+            return found
         made = self._fresh(rung, seed)
         if made.status != "failed":
             text = json.dumps(made.model_dump(mode="json"), allow_nan=False, ensure_ascii=False, indent=1)
@@ -94,9 +98,9 @@ class Experiment:
         return made
 
     def _key(self, rung: Rung, seed: int) -> str:
-        """What the run depends on: the files' contents, the options, and the versions that compute."""
+        """What the run depends on: the files' contents, the options, the code, and the versions that compute."""
         contents = sorted(file.sha256 for file in self.inputs)
-        told = [FORMAT, contents, *self.options, *rung.options, seed, versions()]
+        told = [FORMAT, contents, *self.options, *rung.options, seed, code_digest(), versions()]
         return hashlib.sha256(json.dumps(told).encode()).hexdigest()[:16]
 
     def _fresh(self, rung: Rung, seed: int) -> Run:
@@ -109,6 +113,14 @@ class Experiment:
             found = Path(out) / "result.json"
             result = read_result(found) if ended.code in (0, 1) and found.exists() else None
         return _record(rung, seed, options, ended, result)
+
+
+def _read(kept: Path) -> Run | None:
+    """The run in that file; None where it is missing or damaged."""
+    try:
+        return check(Run, json.loads(kept.read_text(encoding="utf-8")), kept)
+    except (OSError, ValueError, RecursionError, InputError):
+        return None
 
 
 def _record(rung: Rung, seed: int, options: tuple[str, ...], ended: Ended, result: Result | None) -> Run:

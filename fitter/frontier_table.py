@@ -19,12 +19,15 @@ WIDTH = 160  # of the table where the output is no terminal
 
 def terminal_table(frontier: Frontier, width: int | None = None) -> str:
     """Medians of all rows, what they cost and how far off they are, and sentences on what follows."""
+    told = sentences(frontier)
+    if _repeats(frontier) > 1:
+        told.append("The range of the repeats is in the page, and in the .csv and .json beside it.")
     text = io.StringIO()
     console = Console(file=text, width=width or WIDTH, highlight=False)
     for table in (_costs(frontier), _errors(frontier)):
         console.print(table)
         console.print()
-    return "\n".join(line.rstrip() for line in [*text.getvalue().splitlines(), *sentences(frontier)])
+    return "\n".join(line.rstrip() for line in [*text.getvalue().splitlines(), *told])
 
 
 def _costs(frontier: Frontier) -> Table:
@@ -61,9 +64,9 @@ def errors_shown(frontier: Frontier) -> list[str]:
 
 def sentences(frontier: Frontier) -> list[str]:
     """What the numbers mean, and what follows from them."""
-    repeats = max((len(row.statuses) for row in frontier.rows), default=0)
+    repeats = _repeats(frontier)
     runs = f"medians of {repeats} runs" if repeats > 1 else "of one run each"
-    told = [f"Errors are against {frontier.against}; {runs}."]
+    told = [f"Errors are against {frontier.against}; {runs}.", *frontier.gaps]
     told.append("Where errors fall no further, they are the photographs' own noise, and chance ranks the rungs.")
     told.append(f"picture: against the photographs. Who beats whom goes by {frontier.by!r} and the command's time.")
     if frontier.knee is not None:
@@ -74,6 +77,10 @@ def sentences(frontier: Frontier) -> list[str]:
         told.append("There is no knee: fewer than three rungs are on the frontier, or it bends the other way.")
     failed = [row for row in frontier.rows if "failed" in row.statuses]
     return told + [f"{row.rung} failed: {' '.join(row.messages)}" for row in failed]
+
+
+def _repeats(frontier: Frontier) -> int:
+    return max((len(row.statuses) for row in frontier.rows), default=0)
 
 
 def verdict(row: Row, frontier: Frontier) -> str:

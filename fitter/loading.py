@@ -84,6 +84,11 @@ def repeated(photographs: Sequence[PhotographSpec]) -> frozenset[int]:
     return frozenset(found)
 
 
+def material_names(scene: Scene, scene_file: Path) -> tuple[str, ...]:
+    """The names of the object's materials, in the mesh's order; reads the mesh, and nothing else."""
+    return _material_names(scene, read_shape(scene.geometry), scene_file)
+
+
 def _material_names(scene: Scene, shape: Shape, scene_file: Path) -> tuple[str, ...]:
     """The mesh's materials; a shape known by formula has one, of the name that the scene file gives it."""
     given = [spec.name for spec in scene.materials]

@@ -12,6 +12,7 @@ import torch
 from fitter import quality
 from fitter.consistent import require_consistent
 from fitter.curves import Curve, reflectance_curve
+from fitter.devices import torch_device
 from fitter.effect_strips import strips
 from fitter.fidelity import Fidelity
 from fitter.fit_options import FitOptions
@@ -30,7 +31,6 @@ from fitter.summary import status_of
 from renderer import gbuffer
 from renderer.atomic import replaced_together, write_bytes_atomically, write_text_atomically
 from renderer.box_filter import box_filtered
-from renderer.errors import InputError
 from renderer.gbuffer import GBuffer, Tracer
 from renderer.picture import draw
 from renderer.surroundings import directional_light
@@ -121,18 +121,6 @@ class _Clock:
             report=now - self.fitted,
             total=now - self.began,
         )
-
-
-def torch_device(name: str) -> torch.device:
-    """A device by torch's name for it, once it has shown that it computes here."""
-    try:
-        device = torch.device(name)
-        torch.ones(1, device=device).sum().item()
-    except Exception as error:  # each kind of device has its own way to be absent
-        count = torch.cuda.device_count()
-        known = ", ".join(["cpu", *(f"cuda:{i}" for i in range(count))])
-        raise InputError("--device", value=name, expected=f"one that torch can use here: {known}") from error
-    return device
 
 
 def _curve(part: FittedPart) -> Curve | None:

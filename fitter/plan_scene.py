@@ -5,10 +5,11 @@ from __future__ import annotations
 from pathlib import Path
 
 from fitter.consistent import require_consistent
+from fitter.devices import torch_device
 from fitter.fit_options import FitOptions
 from fitter.loading import load
 from fitter.parts import kinds_of
-from fitter.pipeline import setting_of, torch_device
+from fitter.pipeline import setting_of
 from fitter.planning import Planner
 from fitter.progress import Progress
 from renderer import gbuffer

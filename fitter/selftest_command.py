@@ -32,8 +32,8 @@ def selftest(
     begun = time.perf_counter()
     with progress_bar(quiet) as progress:
         progress("starting", 0)
+        from fitter.devices import torch_device
         from fitter.hard_cases.table import verdicts
-        from fitter.pipeline import torch_device
 
         found = verdicts(torch_device(device), lambda verdict, share: progress("hard cases", share))
     seconds = time.perf_counter() - begun

@@ -190,6 +190,47 @@ def test_output_that_nobody_reads(exported, tmp_path):
     assert (tmp_path / "out").exists() == exported
 
 
+@pytest.mark.parametrize("arguments", [("fit", "--help"), ("--version",), ("export",)])
+def test_output_that_cannot_be_written(arguments, tmp_path):
+    if arguments == ("export",):
+        (tmp_path / "result.json").write_text(result().model_dump_json())
+        arguments = ("export", tmp_path / "result.json", "-o", tmp_path / "out")
+    environment = {**ENVIRONMENT, "PYTHONUNBUFFERED": ""}  # what typer prints itself is not kept by Python else
+    with open("/dev/full", "wb") as full:
+        ended = subprocess.run(
+            [*COMMAND, *map(str, arguments)], stdout=full, stderr=subprocess.PIPE, check=False, env=environment
+        )
+    told = b"fit-material: standard output cannot be written (No space left on device)\n"
+    assert (ended.returncode, ended.stderr) == (1, told)
+
+
+def test_errors_that_cannot_be_written_keep_their_exit_code():
+    with open("/dev/full", "wb") as full:
+        ended = subprocess.run([*COMMAND, "nonsense"], stdout=full, stderr=full, check=False, env=ENVIRONMENT)
+    assert ended.returncode == 2
+
+
+def closed(streams: str, *arguments: object) -> subprocess.CompletedProcess[bytes]:
+    """Run with some standard streams closed, as a shell's `>&- 2>&-` has them."""
+    command = ["sh", "-c", f'exec "$@" {streams}', "sh", *COMMAND, *map(str, arguments)]
+    return subprocess.run(command, capture_output=True, check=False, env=ENVIRONMENT)
+
+
+def test_closed_output_is_output_that_nobody_reads(gold_photographs, tmp_path):
+    """`plan` reads EXR files, whose reader turns descriptor 1 away for a moment."""
+    ended = closed(">&-", "plan", gold_photographs / "scene.toml", "--fidelity", "preview", "--type", "metal")
+    assert (ended.returncode, ended.stderr) == (0, b"")
+
+
+@pytest.mark.parametrize("streams", ["<&-", ">&-", "2>&-", "<&- >&- 2>&-"])
+def test_closed_streams_keep_the_exit_code_and_the_files(streams, tmp_path):
+    (tmp_path / "result.json").write_text(result().model_dump_json())
+    assert closed(streams, "export", tmp_path / "result.json", "-o", tmp_path / "out").returncode == 0
+    assert all(b"fit-material:" not in path.read_bytes() for path in (tmp_path / "out").iterdir())
+    assert closed(streams, "export", tmp_path / "nowhere.json", "-o", tmp_path / "new").returncode == 2
+    assert closed(streams, "--help").returncode == 0
+
+
 def test_undetermined_is_exit_code_one(tmp_path):
     """Under light that is the same from everywhere a small roughness shows nowhere."""
     write_exr(tmp_path / "grey.exr", np.ones((8, 16, 3), np.float32))
@@ -266,7 +307,8 @@ def wait_for_library(pid: int, name: str) -> None:
         time.sleep(0.02)
 
 
-def test_ctrl_c_at_the_start_is_as_quiet(gold_photographs, tmp_path):
+@pytest.mark.parametrize("sent", [signal.SIGINT, signal.SIGTERM])
+def test_ctrl_c_at_the_start_is_as_quiet(gold_photographs, tmp_path, sent):
     process = subprocess.Popen(
         [*COMMAND, "fit", gold_photographs / "scene.toml", "-o", tmp_path / "out"],
         stdout=subprocess.PIPE,
@@ -275,7 +317,7 @@ def test_ctrl_c_at_the_start_is_as_quiet(gold_photographs, tmp_path):
         env=ENVIRONMENT,
     )
     wait_for_library(process.pid, "torch")  # while it and jax are being imported
-    process.send_signal(signal.SIGINT)
+    process.send_signal(sent)
     output, errors = process.communicate()
     assert (process.returncode, output) == (130, "")
     assert errors == "fit-material: interrupted; files of earlier results are as they were\n"

@@ -56,6 +56,7 @@ def spoil(scene: Path, old: str, new: str) -> None:
         (["fit", "a.toml", "-o", "x", "--seed", "-1"], "invalid value for '--seed'"),
         (["fit", "a.toml", "-o", "x", "--seed", str(2**31)], "invalid value for '--seed'"),
         (["fit", "a.toml", "-o", ""], '-o: is "", expected a folder that can be written'),
+        (["frontier", "a.toml", "-o", ""], '-o: is "", expected a folder that can be written'),
         (["fit", "a.toml", "-o", "x", "--type", "wooden"], "'wooden' is not one of 'auto', 'metal'"),
         (
             ["fit", "a.toml", "-o", "x", "--polish", "--without", "interreflection"],
@@ -88,9 +89,10 @@ def test_export_to_an_unknown_format(refused, tmp_path):
     assert "usdz" in refused("export", tmp_path / "result.json", "--to", "usdz", "-o", tmp_path)
 
 
+@pytest.mark.parametrize("command", ["fit", "frontier"])
 @pytest.mark.parametrize("device", ["nonsense", "cuda:99"])
-def test_unknown_devices(refused, gold_scene, device):
-    sentence = refused("fit", gold_scene, "-o", gold_scene.parent / "out", "--device", device)
+def test_unknown_devices(refused, gold_scene, device, command):
+    sentence = refused(command, gold_scene, "-o", gold_scene.parent / "out", "--device", device)
     assert sentence.startswith(f"--device: is {device}, expected one that torch can use here: cpu")
     assert not (gold_scene.parent / "out").exists()
 

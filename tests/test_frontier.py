@@ -19,7 +19,7 @@ from hypothesis import strategies as st
 
 from fitter import frontier_runs
 from fitter.frontier import ERRORS, STAGES, frontier_of, knee, spread
-from fitter.frontier_errors import Reference, consensus, errors, truth_beside
+from fitter.frontier_errors import Reference, consensus, errors, require_of_scene, truth_beside
 from fitter.frontier_page import render_frontier
 from fitter.frontier_plot import frontier_png
 from fitter.frontier_rungs import CHOICES, LADDER, Rung, named
@@ -98,6 +98,32 @@ def test_a_truth_that_is_none_is_told(tmp_path):
     (tmp_path / "truth.json").write_text('{"materials": [{"name": "a", "type": "wood"}]}')
     with pytest.raises(InputError, match=r"truth.json: materials\[0\].type: is \"wood\", expected"):
         truth_beside(scene)
+
+
+def test_a_truth_of_another_scene_is_told(tmp_path):
+    scene = tmp_path / "scene.toml"
+    require_of_scene(TRUTH, ("default", "base"), scene)
+    expected = f"the name of a material of {scene}: a, b; or no truth.json there"
+    with pytest.raises(InputError) as told:
+        require_of_scene(TRUTH, ("a", "b"), scene)
+    assert str(told.value) == f"{tmp_path / 'truth.json'}: materials[].name: is default, expected {expected}"
+
+
+def test_what_came_out_of_another_type_than_the_truths_is_told():
+    clay = FittedMaterial(name="default", type="matte", color=(0.5, 0.5, 0.5))
+    runs = [run("a", materials=(clay,)), run("b"), run("a", 1, materials=(clay,)), run("b", 1)]
+    told = "default is metal in truth.json but came out as matte from a: no errors of it there."
+    found = frontier_of("scene", rungs("a", "b"), runs, TRUTH)
+    assert found.gaps == (told,)
+    assert told in terminal_table(found).splitlines()
+    assert told in render_frontier(found, "A title")
+    assert frontier_of("scene", rungs("a", "b"), runs[1::2], TRUTH).gaps == ()
+
+
+def test_a_material_that_the_truth_lacks_is_told():
+    runs = [run(materials=(metal(), metal().model_copy(update={"name": "lid"})))]
+    found = frontier_of("scene", rungs("a"), runs, TRUTH)
+    assert found.gaps == ("lid is not in truth.json: the errors are without it.",)
 
 
 # Frontier and knee
@@ -206,6 +232,12 @@ def test_json_is_strict_and_says_what_the_table_says(three):
     assert "against the truth" in table
 
 
+def test_the_table_of_medians_says_where_the_ranges_are(three):
+    told = "The range of the repeats is in the page, and in the .csv and .json beside it."
+    assert told in terminal_table(three).splitlines()
+    assert told not in terminal_table(frontier_of("scene", rungs("a"), [run("a")], TRUTH))
+
+
 def test_the_page_loads_nothing_and_shows_every_rung(three):
     page = render_frontier(three, "A title", "fit-material frontier <scene>")
     addresses: list[str] = []
@@ -241,7 +273,12 @@ def test_rungs_are_chosen_by_name_in_the_ladders_order():
 
 @pytest.mark.parametrize(
     ("names", "sentence"),
-    [("standrad,viewer", r"--rungs: is standrad, expected names .* viewer"), ("viewer", "expected two rungs at least")],
+    [
+        ("standrad,viewer", r"--rungs: is standrad, expected names .* viewer"),
+        ("viewer", "expected two rungs at least"),
+        ("", '--rungs: is "", expected names'),
+        ("viewer,", '--rungs: is "", expected names'),
+    ],
 )
 def test_slips_in_names_are_told(names, sentence):
     with pytest.raises(InputError, match=sentence):
@@ -290,7 +327,20 @@ def test_a_run_is_kept_and_not_made_again(experiment, monkeypatch):
     Experiment(experiment.scene, experiment.inputs, ("--type", "metal"), experiment.folder).run(rung, 0)
     monkeypatch.setattr(frontier_runs, "versions", lambda: {"fit-material": "999"})
     experiment.run(rung, 0)
-    assert len(made) == 5
+    monkeypatch.setattr(frontier_runs, "code_digest", lambda: "changed")
+    experiment.run(rung, 0)
+    assert len(made) == 6
+
+
+@pytest.mark.parametrize("damage", [b"{", b"", b"\xff", b"[]", b'{"format": 2}', b"[" * 200_000])
+def test_a_damaged_run_is_made_again(experiment, monkeypatch, damage):
+    monkeypatch.setattr(Experiment, "_fresh", lambda self, rung, seed: run(rung.name, seed))
+    first = experiment.run(LADDER[0], 0)
+    (kept,) = experiment.folder.iterdir()
+    whole = kept.read_bytes()
+    kept.write_bytes(damage)
+    assert experiment.run(LADDER[0], 0) == first
+    assert kept.read_bytes() == whole
 
 
 def test_a_failed_run_is_not_kept(experiment, monkeypatch):

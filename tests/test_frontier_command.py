@@ -5,10 +5,12 @@ from __future__ import annotations
 import csv
 import json
 import os
+import shutil
 import signal
 import subprocess
 import sys
 import time
+from contextlib import suppress
 from pathlib import Path
 
 import pytest
@@ -68,6 +70,37 @@ def test_ctrl_c_keeps_what_is_done(scene, tmp_path):
     assert [json.loads(path.read_text())["rung"] for path in runs.iterdir()] == ["viewer"]
 
 
+def naming(path: Path) -> list[int]:
+    """Processes with that path in their command line."""
+    lines = {int(each.name): each / "cmdline" for each in Path("/proc").iterdir() if each.name.isdecimal()}
+    found = []
+    for process, line in lines.items():
+        with suppress(OSError):  # it has ended meanwhile
+            found += [process] if str(path).encode() in line.read_bytes() else []
+    return found
+
+
+@pytest.mark.skipif(not Path("/proc/self/cmdline").exists(), reason="processes are looked up in /proc")
+def test_sigterm_ends_the_fit_and_sweeps_its_folder(scene, tmp_path):
+    """Sent twice, as `timeout` does; what an earlier run has left is not this one's."""
+    runs = tmp_path / "runs"
+    (runs / ".unfinished-earlier").mkdir(parents=True)
+    command = [*COMMAND, scene, "-o", tmp_path, *RUNGS]
+    with subprocess.Popen(command, env=ENVIRONMENT, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE) as process:
+        while not naming(runs):  # the fit's -o
+            assert process.poll() is None
+            time.sleep(0.05)
+        process.send_signal(signal.SIGTERM)
+        process.send_signal(signal.SIGTERM)
+        _, said = process.communicate()
+    left = naming(runs)
+    for each in left:
+        os.kill(each, signal.SIGKILL)
+    assert left == []
+    assert (process.returncode, said.decode().partition(";")[0]) == (130, "fit-material: interrupted")
+    assert [path.name for path in runs.iterdir()] == [".unfinished-earlier"]
+
+
 def test_wrong_input_of_a_fit_is_told_in_its_own_words(scene, tmp_path):
     spoilt = scene.with_name("spoilt.toml")
     spoilt.write_text(scene.read_text().replace("exposure = 1.0", 'exposure = "fit"'))
@@ -75,6 +108,16 @@ def test_wrong_input_of_a_fit_is_told_in_its_own_words(scene, tmp_path):
     assert done.returncode == 2
     expected = 'photographs[0].exposure: is "fit", expected a number: exposures are not fitted so far'
     assert done.stderr == f"fit-material: {spoilt}: {expected}\n"
+
+
+def test_a_truth_of_another_scene_is_told_before_any_fit(scene, tmp_path):
+    other = shutil.copytree(scene.parent, tmp_path / "other") / "scene.toml"
+    truth = other.with_name("truth.json")
+    truth.write_text(truth.read_text().replace('"name": "default"', '"name": "lid"'))
+    done = run(other, "-o", tmp_path / "new", *RUNGS)
+    sentence = f"materials[].name: is lid, expected the name of a material of {other}: default; or no truth.json there"
+    assert (done.returncode, done.stderr) == (2, f"fit-material: {truth}: {sentence}\n")
+    assert not (tmp_path / "new").exists()
 
 
 @pytest.mark.parametrize(

@@ -113,6 +113,13 @@ def test_numbers_are_said_in_words():
     assert "41 dB" in text
 
 
+def test_the_time_is_told_for_what_it_is():
+    """The page's own making, which `result.json` counts, is not in it."""
+    html = page_of(result())
+    assert "<dt>time until this page</dt><dd>10 s</dd>" in html
+    assert "<h2>Where the time went, until this page</h2>" in html
+
+
 @pytest.mark.parametrize("status", ["converged", "stopped", "not_determined"])
 def test_the_verdict_is_the_message_in_the_colour_of_the_status(status):
     html = page_of(result(status=status, message="So it ended."))

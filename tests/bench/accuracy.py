@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from itertools import product
 from pathlib import Path
 
+from fitter.code_digest import code_digest
 from fitter.frontier import Frontier, frontier_of
 from fitter.frontier_errors import Reference, truth_beside
 from fitter.frontier_rungs import LADDER, Rung
@@ -21,7 +22,6 @@ from tests.bench import types
 from tests.bench.accuracy_advice import advice
 from tests.bench.accuracy_plot import accuracy_png
 from tests.bench.accuracy_table import knee_sentence, medians_table
-from tests.bench.fits import code
 from tests.bench.photographs import ENVIRONMENTS, Case
 from tests.bench.setting import CACHE, header
 
@@ -99,7 +99,7 @@ def _compared(material: str, environment: str, variant: str, extent: Extent) -> 
     scene = photographed(environment, variant)
     truth = truth_beside(scene)
     assert truth is not None
-    folder = CACHE / "frontier" / code() / scene.parent.name
+    folder = CACHE / "frontier" / code_digest() / scene.parent.name
     folder.mkdir(parents=True, exist_ok=True)
     experiment = Experiment(scene, input_files(read_scene(scene), scene), (), folder)
     told = functools.partial(_tell, f"{title}, {environment}")

@@ -2,22 +2,21 @@
 
 from __future__ import annotations
 
-import hashlib
 import multiprocessing
 import os
 import tempfile
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
-from functools import cache
 from pathlib import Path
 from typing import TypeVar
 
+from fitter.code_digest import code_digest
 from fitter.fidelity import preset
 from fitter.pipeline import FitOptions, fit_scene
 from fitter.result import Result, read_result
 from renderer.atomic import write_bytes_atomically
-from tests.bench.setting import CACHE, ROOT
+from tests.bench.setting import CACHE
 
 Item = TypeVar("Item")
 Made = TypeVar("Made")
@@ -43,7 +42,7 @@ class How:
 
 def result_of(scene: Path, how: How) -> Result:
     """The result of a scene; fitted where the same code has not done so before."""
-    kept = CACHE / "fits" / code() / f"{scene.parent.name}-{how.label}.json"
+    kept = CACHE / "fits" / code_digest() / f"{scene.parent.name}-{how.label}.json"
     if not kept.exists():
         kept.parent.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryDirectory() as folder:
@@ -68,14 +67,3 @@ def in_processes(work: Callable[[Item], Made], items: Iterable[Item], jobs: int)
     os.environ.setdefault("OMP_NUM_THREADS", "1")
     with ProcessPoolExecutor(jobs, mp_context=multiprocessing.get_context("spawn")) as pool:
         yield from pool.map(work, items)
-
-
-@cache
-def code() -> str:
-    """A name for all code and data that a fit depends on, as they were when it was first asked for."""
-    paths = sorted(path for name in ("shaders", "renderer", "fitter") for path in (ROOT / name).rglob("*"))
-    digest = hashlib.sha256()
-    for path in paths:
-        if path.suffix in (".py", ".csv"):
-            digest.update(path.read_bytes())
-    return digest.hexdigest()[:16]
