@@ -124,7 +124,7 @@ def test_a_climb_spends_more_where_more_is_asked_and_keeps_its_word(light):
         assert f"{100 * tolerance:.3g} %" in ascent.sentence
         assert "roughness" not in " ".join(
             [*ascent.hopeless, *(rung.of or "" for rung in ascent.rungs)]
-        )  # it is alpha here
+        )
         outlook = outlook_of(ascent.choice.fit, ascent.problem)
         assert float(outlook.movement.max()) == last.movement
         for name, movement in zip(outlook.names, outlook.movement.tolist(), strict=True):
