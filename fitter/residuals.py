@@ -68,9 +68,20 @@ class Residuals:
         return found.nan_to_num(0.0, 0.0, 0.0)
 
     def robust_whitening(self, x: Float[Tensor, " x"]) -> Float[Tensor, "p 3 3"]:
-        """The whitening, lessened for outliers: least squares with it has the robust loss's slope at x."""
-        length = torch.einsum("prc,pc->pr", self.whitening, self.difference(x)).norm(dim=-1)
-        return self.whitening * (ROBUST_AT / length.clamp_min(ROBUST_AT)).sqrt()[:, None, None]
+        """The whitening, lessened for outliers: least squares with it has the robust loss's slope at x.
+
+        Light that was integrated badly is no outlier where the mean of its halves happens to fit; but what these
+        tell of its variance counts, where it is far more than the noise.
+        """
+        share = (ROBUST_AT / self._length(self.difference(x)).clamp_min(ROBUST_AT)).sqrt()
+        if self.model.table is not None:
+            first, second = (half.difference(x) for half in self.halves)
+            share = share * ROBUST_AT / self._length((first - second) / 2).clamp_min(ROBUST_AT)
+        return self.whitening * share[:, None, None]
+
+    def _length(self, difference: Float[Tensor, "p 3"]) -> Float[Tensor, " p"]:
+        """In standard deviations of the noise."""
+        return torch.einsum("prc,pc->pr", self.whitening, difference).norm(dim=-1)
 
     def prior(self, x: Float[Tensor, " x"]) -> Float[Tensor, " q"]:
         """What is known before any photograph, of variance 1."""

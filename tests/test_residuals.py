@@ -1,6 +1,7 @@
 """The robust loss in closed form, weights, and a whole residual vector against plain arithmetic."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -111,6 +112,24 @@ def test_the_residual_vector_is_what_it_says():
     loss = np.where(length > ROBUST_AT, 2 * ROBUST_AT * length - ROBUST_AT**2, length**2)
     np.testing.assert_allclose(residuals(x)[:-3].reshape(5, 3), difference * np.sqrt(loss) / length, atol=1e-10)
     np.testing.assert_allclose(residuals(x)[-3:], x[3:6].numpy() / TINT_WIDTH, rtol=1e-12)
+
+
+def test_light_that_was_integrated_badly_weighs_by_its_variance():
+    """One pixel's halves far apart, their mean still the photograph: 1/variance of the weight that others have, beyond
+    the threshold of outliers, and none of it taken from pixels within."""
+    x, model = float64(X), exact_pixels()
+    apart = model.table.light.clone()
+    apart[0, :, 2], apart[1, :, 2] = 1.9 * apart.mean(0)[:, 2], 0.1 * apart.mean(0)[:, 2]
+    model = model.under(replace(model.table, light=apart))
+    photograph = model.radiance(METAL.material(x))
+    half = model.half(0).radiance(METAL.material(x))[2] - photograph[2]
+    noise = float(half.norm()) / 60
+    weight = torch.full((5, 3), 1.0).double()
+    weight[[0, 1, 3, 4]] = 1e-3  # their halves differ as well, but by nothing that matters beside such noise
+    whitening = even_whitening(weight, noise)
+    found = Residuals(model, METAL, photograph, whitening).robust_whitening(x)
+    torch.testing.assert_close(found[2], whitening[2] * ROBUST_AT / 60)
+    assert torch.equal(found[[0, 1, 3, 4]], whitening[[0, 1, 3, 4]])
 
 
 def test_a_model_that_meets_the_photograph_leaves_nothing():

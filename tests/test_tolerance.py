@@ -122,9 +122,7 @@ def test_a_climb_spends_more_where_more_is_asked_and_keeps_its_word(light):
         assert ascent.reached == (last.movement <= tolerance)
         assert ascent.reached or ascent.hopeless
         assert f"{100 * tolerance:.3g} %" in ascent.sentence
-        assert "roughness" not in " ".join(
-            [*ascent.hopeless, *(rung.of or "" for rung in ascent.rungs)]
-        )
+        assert "roughness" not in " ".join([*ascent.hopeless, *(rung.of or "" for rung in ascent.rungs)])
         outlook = outlook_of(ascent.choice.fit, ascent.problem)
         assert float(outlook.movement.max()) == last.movement
         for name, movement in zip(outlook.names, outlook.movement.tolist(), strict=True):
