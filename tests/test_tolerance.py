@@ -114,7 +114,7 @@ def test_a_climb_spends_more_where_more_is_asked_and_keeps_its_word(light):
     """Each determined number off by less than twice what was promised of it, which is 4.8 standard errors."""
     truth = gold(0.2)
     problem = noisy(truth, light, 0.002, FEW)
-    spent = []
+    spent, ascents = [], []
     for tolerance in (0.2, 0.02):
         ascent = ascend(lambda fidelity: of_effort(problem, fidelity), FEW, "metal", tolerance)
         last, found = ascent.rungs[-1], ascent.choice.fit.material
@@ -130,7 +130,12 @@ def test_a_climb_spends_more_where_more_is_asked_and_keeps_its_word(light):
             value, true = (getattr(each, key).reshape(-1)[CHANNELS.get(channel, 0)] for each in (found, truth))
             assert abs(value / true - 1) < 2 * movement
         spent.append(last.pixels * last.samples)
+        ascents.append(ascent)
     assert spent[0] < spent[1]
+    rough, fine = ascents
+    followed = fine.followed_by(rough.choice.fit, rough.problem)  # what is promised is of the fit that is reported
+    assert followed.rungs[-1].movement == rough.rungs[-1].movement > fine.rungs[-1].movement
+    assert followed.record("ball").reached == (rough.rungs[-1].movement <= fine.asked)
 
 
 @pytest.mark.parametrize("noise", [0.0, 0.1, 0.3])
