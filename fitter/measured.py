@@ -77,7 +77,10 @@ class Measured:
 
 
 def measured(fit: Fit, spread: Spread, key: str) -> list[Measured]:
-    """One of `QUANTITIES` of a fit, per channel, with error and interval from the covariance of its free vector."""
+    """One of `QUANTITIES` of a fit, per channel, with error and interval from the covariance of its free vector.
+
+    A number that no free number moves, because these ran to the ends of their domains, has neither.
+    """
     coordinates, of_material = fit.residuals.coordinates, QUANTITIES[fit.material.type][key]
 
     def quantity(x: Tensor) -> Tensor:
@@ -87,7 +90,7 @@ def measured(fit: Fit, spread: Spread, key: str) -> list[Measured]:
     lows, highs = intervals(fit, spread, quantity)
     rows = zip(quantity(fit.x).tolist(), errors.tolist(), lows.tolist(), highs.tolist(), strict=True)
     found = [
-        Measured(value, error, (low, high)) if all(map(math.isfinite, (error, low, high))) else Measured(value)
+        Measured(value, error, (low, high)) if error and math.isfinite(error + low + high) else Measured(value)
         for value, error, low, high in rows
     ]
     if key == "roughness":

@@ -34,7 +34,7 @@ SEARCH_SCATTER = 0.03  # of the relative difference, while nothing is known of i
 EXACT = 1e-6  # least scatter, where photographs are noiseless and there is nothing but the rounding of float32 tables
 MIDWAY = 4  # times the search's samples, between search and last round
 MORE_ROUNDS = 3  # where the roughness runs into an end of the last span
-DIELECTRIC = Interval(0.0, 0.5)  # reflectance; diamond's is 0.17
+DIELECTRIC = Interval(1e-3, 0.5)  # reflectance, of an index of 1.065 on; diamond's is 0.17. What mirrors less is matte
 
 
 @dataclass(frozen=True)

@@ -34,7 +34,7 @@ FILES = {"result.json", "report.html", "comparison.png", "sphere.mtl", "sphere.t
 # DESIGN.md's contract of result.json, written out once more
 TOP = "format status message materials quality exposure model effects time inputs"
 PARAMETERS = "n k f0 alpha roughness color reflectance"
-MATERIAL = f"name type {PARAMETERS} stderr interval95 determined nearest from_prior"
+MATERIAL = f"name type {PARAMETERS} stderr interval95 determined nearest from_prior correlation"
 QUALITY = "rms_relative psnr ssim"
 MODEL = "fidelity reflectance lobe samples pixels dtype levels environment_size"
 TIME = "load prepare solve report total"

@@ -135,7 +135,7 @@ def test_empty_mask(spec, thickness):
 
 
 def test_empty_alpha(spec):
-    with pytest.raises(InputError, match=r"photographs\[1\]: is view\.exr, expected a mask or alpha channel"):
+    with pytest.raises(InputError, match=r"photographs\[1\]\.image: is view\.exr, expected an alpha channel"):
         read_photograph(spec(0 * ones(4)), "scene.toml", 1)
 
 
