@@ -18,6 +18,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from fitter.derivative import jacobian
+from fitter.pixel_model import MixedPixels
 from fitter.residuals import Residuals
 from fitter.solve import PRECISE, Solution, Solver
 from renderer.threads import map_in_threads
@@ -83,11 +84,13 @@ def condensed(residuals: Residuals, around: Float[Tensor, " x"]) -> Condensed:
         residuals: of many pixels.
         around: the free vector at which outliers are weighed.
     """
+    model = residuals.model
+    assert isinstance(model, MixedPixels)
     whitening, left = residuals.robust_whitening(around), residuals.difference(around)
 
     def gram(first: int) -> Float[Tensor, "u u"]:
         part = slice(first, first + CHUNK)
-        equations = torch.einsum("prc,pqc->prqc", whitening[part], residuals.model.mixed(part)).flatten(2)
+        equations = torch.einsum("prc,pqc->prqc", whitening[part], model.mixed(part)).flatten(2)
         known = torch.matmul(whitening[part], left[part, :, None])
         rows = torch.cat([equations, known], 2).flatten(0, 1)
         return rows.T @ rows

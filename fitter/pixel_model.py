@@ -43,14 +43,6 @@ class PixelModel(ABC):
     def under(self, table: LightTable | None) -> PixelModel:
         """The same pixels with another table."""
 
-    def mixing(self, material: Material) -> Float[Tensor, "q 3"] | None:
-        """u, how much each number of `mixed` counts, where the picture is their sum and nothing else."""
-        return None
-
-    def mixed(self, pixels: slice) -> Float[Tensor, "p q 3"]:
-        """What `mixing` mixes, of some pixels: Σ_q mixed · u is their radiance."""
-        raise NotImplementedError(type(self).__name__)
-
     def half(self, which: int) -> PixelModel:
         """The same pixels with one half of the table's samples."""
         return self if self.table is None else self.under(self.table.half(which))
@@ -60,6 +52,18 @@ class PixelModel(ABC):
         if self.table is None or self.table.light.shape[1] == 1:
             return None
         return self.under(self.table.without_highest())
+
+
+class MixedPixels(PixelModel):
+    """Pixels whose radiance may be a sum of numbers that do not depend on the material, Σ_q mixed · u."""
+
+    @abstractmethod
+    def mixing(self, material: Material) -> Float[Tensor, "q 3"] | None:
+        """u, how much each number of `mixed` counts; None of a material whose picture is more than their sum."""
+
+    @abstractmethod
+    def mixed(self, pixels: slice) -> Float[Tensor, "p q 3"]:
+        """What is mixed, of some pixels."""
 
 
 @dataclass(frozen=True)
@@ -128,7 +132,7 @@ class DirectLight:
 
 
 @dataclass(frozen=True)
-class ExactPixels(PixelModel):
+class ExactPixels(MixedPixels):
     """Microfacets with exact Fresnel reflectance; below a dielectric's, light that is scattered inside [MODEL.md 6].
 
     Attributes:

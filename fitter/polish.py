@@ -25,7 +25,7 @@ from torch.autograd.functional import jvp
 from fitter.condensed import solved
 from fitter.fidelity import Fidelity
 from fitter.loading import Loaded
-from fitter.pixel_model import PixelModel
+from fitter.pixel_model import MixedPixels, PixelModel
 from fitter.result import MaterialType
 from fitter.search import Fit, Problem, refined
 from fitter.setting import Setting
@@ -99,7 +99,7 @@ def _coordinates(n: Float[Tensor, "3"], k: Float[Tensor, "3"]) -> tuple[Float[Te
 
 
 @dataclass(frozen=True)
-class PolishedPixels(PixelModel):
+class PolishedPixels(MixedPixels):
     """A table's model with what Mitsuba's paths add to it.
 
     Attributes:
@@ -129,6 +129,7 @@ class PolishedPixels(PixelModel):
 
     def mixing(self, material: Material) -> Float[Tensor, "q 3"] | None:
         """The base's, and that of what the paths add."""
+        assert isinstance(self.base, MixedPixels)
         direct = self.base.mixing(material)
         if direct is None:
             return None
@@ -137,6 +138,7 @@ class PolishedPixels(PixelModel):
 
     def mixed(self, pixels: slice) -> Float[Tensor, "p q 3"]:
         """The base's, and what the paths add."""
+        assert isinstance(self.base, MixedPixels)
         return torch.cat([self.base.mixed(pixels), self._together[pixels]], 1)
 
     @cached_property

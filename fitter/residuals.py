@@ -11,7 +11,7 @@ from torch import Tensor
 
 from fitter.derivative import jacobian
 from fitter.parameters import Coordinates
-from fitter.pixel_model import PixelModel
+from fitter.pixel_model import MixedPixels, PixelModel
 
 ROBUST_AT = (
     6.0  # standard deviations: a path tracer's noise is skewed, and a nearer threshold would favour its low side
@@ -50,10 +50,11 @@ class Residuals:
 
     def mixes(self, x: Float[Tensor, " x"]) -> bool:
         """Whether the picture is what the model has `mixed` by `mixing` and nothing else."""
-        return self.model.mixing(self.coordinates.material(x)) is not None
+        return isinstance(self.model, MixedPixels) and self.model.mixing(self.coordinates.material(x)) is not None
 
     def mixing(self, x: Float[Tensor, " x"]) -> Float[Tensor, "q 3"]:
         """How much each number of what is mixed counts."""
+        assert isinstance(self.model, MixedPixels)
         found = self.model.mixing(self.coordinates.material(x))
         assert found is not None
         return found
@@ -62,16 +63,17 @@ class Residuals:
         """Derivative of the model; 0 where it is not finite."""
 
         if self.mixes(x):
+            assert isinstance(self.model, MixedPixels)
             found = torch.einsum("pqc,qcx->pcx", self.model.mixed(slice(None)), jacobian(self.mixing, x))
         else:
             found = jacobian(self.difference, x)
         return found.nan_to_num(0.0, 0.0, 0.0)
 
     def robust_whitening(self, x: Float[Tensor, " x"]) -> Float[Tensor, "p 3 3"]:
-        """The whitening, lessened for outliers: least squares with it has the robust loss's slope at x.
+        """The whitening, lessened for outliers: where halves agree, least squares with it has the robust loss's slope.
 
-        Light that was integrated badly is no outlier where the mean of its halves happens to fit; but what these
-        tell of its variance counts, where it is far more than the noise.
+        Light that was integrated badly is no outlier where the mean of its halves happens to fit: beyond the same
+        threshold the variance that they tell counts in the place of the noise's.
         """
         share = (ROBUST_AT / self._length(self.difference(x)).clamp_min(ROBUST_AT)).sqrt()
         if self.model.table is not None:

@@ -195,13 +195,14 @@ def _group_row(name: str, group: Sequence[Outcome]) -> str:
     ]
     holds = np.stack([each.found.holds(each.truth) for each in group])
     known = [np.concatenate([each.found.is_determined[SLICES[key]] for each in group]).mean() for key in "nk"]
-    cells = [*errors, *widths, f"{share(holds)}, {_between_fits(holds):.1%}", "n {:.0%}, k {:.0%}".format(*known)]
+    held = share(holds) if len(holds) == 1 else f"{share(holds)}, {_between_fits(holds):.1%}"
+    cells = [*errors, *widths, held, "n {:.0%}, k {:.0%}".format(*known)]
     return f"| {name} | {len(group)} | {' | '.join(cells)} |"
 
 
 def _between_fits(holds: Bool[np.ndarray, "m 10"]) -> float:
     """Standard error of the share that hold, of independent fits whose own numbers may stand and fall together."""
-    return float(holds.mean(1).std(ddof=1) / len(holds) ** 0.5) if len(holds) > 1 else math.nan
+    return float(holds.mean(1).std(ddof=1) / len(holds) ** 0.5)
 
 
 def _percentiles(values: Sequence[float] | np.ndarray, ranks: Sequence[float], form: str) -> str:
