@@ -38,7 +38,7 @@ def test_coefficients_are_those_of_drawn_materials(kind):
     torch.testing.assert_close(float64(found.coefficients), expected, atol=5 / math.sqrt(DRAWS), rtol=0)
 
 
-def test_one_number_alone_has_no_correlation():
+def test_numbers_without_errors_have_no_correlation():
     """The viewer's model sees F0 alone, so that n and k have no errors, and these are left out."""
     fit = fit_material(problem_of(gold(0.3), surface_of(24), studio(64), PRESETS["viewer"]), "metal")
     uncertainty = spread(fit.residuals, fit.x)

@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 
 from fitter.hard_cases import references, small_scene
 from fitter.hard_cases.claims import FINITE, between, float32, near
+from fitter.hard_cases.materials import ROUNDINGS as CONDUCTOR
 from fitter.hard_cases.row import Claim, Formula, Numbers
 from fitter.parameters import GlossyCoordinates, Interval, MatteCoordinates, MetalCoordinates
 from renderer import cubemap, latlong
@@ -21,10 +22,10 @@ from shaders.materials import Glossy, Matte, Metal
 from shaders.shade import DirectionalLight, Light, Points
 
 # Roundings that a formula takes, as `near` and `between` count them: its steps, doubled for each quotient of two sums.
-CONDUCTOR = 64  # 48 by `hard_cases.materials.ROUNDINGS`, and those of the cosine's own square where it is tiny
 DIELECTRIC = 48  # a root and two quotients, squared and averaged
-PLASTIC = 64  # a mean of 32 shares with weights that add up to 1
-MASK = 4  # a root, a sum, a quotient; 2e-4 is what Beckmann's rational fit exceeds 1 by [Walter et al. 2007]
+PLASTIC = 64  # 40 for a share (facet, refraction, F, G1), 24 for weights and sum of 192 in 8 lanes
+MASK = 4  # a root, a sum, a quotient
+WALTER = 6.2e-5  # what Beckmann's rational G1 exceeds 1 by at a = 1.59, just before 1 takes its place [Walter 2007]
 SHARES = 8  # of what is left of 1: the difference of two sums of shares
 GUARD = 4  # a difference, a quotient and a product
 SCHLICK = 8  # a difference, a power of five in three products, and two for what they weigh; it exceeds 1 by two at most
@@ -88,9 +89,8 @@ def test_lobes_are_finite_and_masks_are_shares(distribution, cos, alpha):
     assert not broken(
         Formula(lambda cos, alpha: lobe.distribution_of_normals(cos, alpha, distribution), places), FINITE
     )
-    assert not broken(
-        Formula(lambda cos, alpha: lobe.smith_g1(cos, alpha, distribution), places), FINITE, between(0, 1 + 2e-4, MASK)
-    )
+    masked = Formula(lambda cos, alpha: lobe.smith_g1(cos, alpha, distribution), places)
+    assert not broken(masked, FINITE, between(0, 1 + WALTER, MASK))
 
 
 @given(cosines, st.floats(1e-3, 3), st.floats(1, 12))

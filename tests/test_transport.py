@@ -325,15 +325,20 @@ def turned(surface: GBuffer, degrees: float) -> GBuffer:
 
 @pytest.mark.usefixtures("integrator")
 @pytest.mark.parametrize("distribution", DISTRIBUTIONS)
-def test_turning_scene_and_light_together_changes_nothing(distribution):
+def test_turning_scene_and_light_together_changes_nothing(request, distribution):
     *_, surface = ball(12)
-    before = shaded(table_at(surface, lit_room(10.0), 0.2, distribution), 0.2, white)
-    after = shaded(table_at(turned(surface, 63.0), lit_room(73.0), 0.2, distribution), 0.2, white)
-    # the same random numbers give the same directions; float32 moves each lookup by 1e-6 of a turn, 3e-5 texels, at
-    # whose side a lamp of 300 may begin, and rounds a few of the 64 directions of one half into another block of light
-    off = (after / before - 1).abs()
-    assert (off < 2e-3).double().mean() > 0.97
-    assert off.max() < 0.05
+    before, after = (table_at(turned(surface, turn), lit_room(10 + turn), 0.2, distribution) for turn in (0.0, 63.0))
+    picture = shaded(before, 0.2, white)
+    off = (shaded(after, 0.2, white) - picture).abs()
+    if "torch" in request.node.callspec.id:
+        # the same random numbers give the same directions; float32 moves each lookup by 1e-6 of a turn, 3e-5 texels
+        assert (off < 2e-3 * picture).all()
+    else:
+        # the kernel draws from blocks of light that it finds in float32: a direction at the side of a block may fall
+        # into the next, and is then another draw of the same light. Few of 256 are, so that it is less than their noise
+        noise = (shaded(before.half(0), 0.2, white) - shaded(before.half(1), 0.2, white)).square().mean().sqrt() / 2
+        assert (off < 2e-3 * picture).double().mean() > 0.97
+        assert off.max() < noise
 
 
 @pytest.mark.usefixtures("integrator")
