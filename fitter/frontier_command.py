@@ -51,9 +51,7 @@ def frontier(
     """What accuracy costs in time, on your own photographs; goes on where it was interrupted."""
     from fitter.frontier_rungs import CHOICES, LADDER, named
 
-    if choices and rungs is not None:
-        rungs = f"{CHOICES[0].name},{rungs}"  # what the others are compared with
-    chosen = named(CHOICES if choices else LADDER, rungs)
+    chosen = named(CHOICES, rungs, always=CHOICES[:1]) if choices else named(LADDER, rungs)
     if not 1 <= repeats <= 100:
         raise InputError("--repeats", value=repeats, expected="a whole number from 1 to 100")
     with progress_bar(quiet) as progress:

@@ -53,8 +53,13 @@ CHOICES = (
 """The standard rung, and the same with one choice made otherwise."""
 
 
-def named(rungs: Sequence[Rung], names: str | None) -> tuple[Rung, ...]:
+def named(rungs: Sequence[Rung], names: str | None, always: Sequence[Rung] = ()) -> tuple[Rung, ...]:
     """Those of the rungs whose names are listed, separated by commas, in the ladder's order; all where none are.
+
+    Args:
+        rungs: to choose from.
+        names: as they were typed.
+        always: rungs that need not be listed.
 
     Raises:
         InputError: there is no such rung, or fewer than two are left to compare.
@@ -67,7 +72,8 @@ def named(rungs: Sequence[Rung], names: str | None) -> tuple[Rung, ...]:
         if name not in known:
             expected = f"names separated by commas, of {', '.join(known)}"
             raise InputError("--rungs", value=name or '""', expected=expected)
-    found = tuple(rung for rung in rungs if rung.name in wanted)
+    found = tuple(rung for rung in rungs if rung.name in wanted or rung in always)
     if len(found) < 2:
-        raise InputError("--rungs", value=names, expected="two rungs at least, to compare")
+        expected = f"another than {always[0].name}" if always else "two rungs at least, to compare"
+        raise InputError("--rungs", value=names, expected=expected)
     return found

@@ -70,7 +70,7 @@ def fit_scene(
     loaded = load(scene_file)
     read = time.perf_counter()
     if options.solver == "lm":
-        compiling()
+        compiling().add_done_callback(_load_plotting)
     with one_thread_per_operation(), replaced_together(out) as folder:
         trace = gbuffer.tracer(loaded.shape)
         setting = setting_of(loaded, options, device)
@@ -90,6 +90,12 @@ def fit_scene(
         result = result.model_copy(update={"time": clock.now()})  # the page cannot know how long it took itself
         write_result(result, folder / "result.json")
     return result
+
+
+def _load_plotting(_: object) -> None:
+    """What the report will need for half a second, in the thread that has just compiled, beside the search."""
+    import matplotlib.backends.backend_svg  # noqa: F401
+    import skimage.metrics._structural_similarity  # noqa: F401
 
 
 def setting_of(loaded: Loaded, options: FitOptions, device: torch.device) -> Setting:

@@ -70,7 +70,7 @@ class Planner:
             blurs=fidelity.blurs,
             reflectance=fidelity.reflectance,
             footprint=fidelity.footprint,
-            untraced=_untraced(types, fidelity) or spared(self._free),
+            untraced=None if self.occluder is None else _untraced(types, fidelity) or spared(self._free),
             found=found is not None,
         )
         tolerance = options.tolerance or TOLERANCE
@@ -85,8 +85,8 @@ class Planner:
 
     @property
     def _free(self) -> float:
-        """Share of the pixels that mirror nothing of an object that may mirror itself; of a convex one 0."""
-        return 0.0 if self.occluder is None else 1 - self.sample.self_seeing
+        """Share of the pixels that mirror nothing of an object that is not convex."""
+        return 1 - self.sample.self_seeing
 
     def simulating(self, plan: Plan) -> Setting:
         """The light with what the plan has on."""
@@ -113,7 +113,7 @@ def spared(free: float) -> str | None:
 
 
 def _untraced(types: frozenset[str], fidelity: Fidelity) -> str | None:
-    """Why no paths can be traced."""
+    """Why no paths can be traced; finds out by loading Mitsuba, which takes a second."""
     if "metal" not in types:
         return "paths are traced for metals alone"
     try:

@@ -51,7 +51,7 @@ def compare(
         psnr if the tone-mapped pictures are equal, ssim if the mask's bounding box is less than 7 pixels high
         or wide.
     """
-    from skimage.metrics import peak_signal_noise_ratio, structural_similarity
+    from skimage.metrics import structural_similarity
 
     if not photograph[mask].any():
         return PictureQuality(rms_relative=None, psnr=None, ssim=None)
@@ -61,7 +61,8 @@ def compare(
     inside = _box(mask, mask)
     psnr = ssim = None
     if not np.array_equal(a[inside], b[inside]):
-        psnr = float(peak_signal_noise_ratio(a[inside], b[inside], data_range=1.0))
+        # skimage's own loads all of scipy.stats, which takes as long as the comparison of ten photographs
+        psnr = float(-10 * np.log10(np.mean((a[inside].astype(np.float64) - b[inside]) ** 2)))
     if min(inside.shape) >= SSIM_WINDOW:
         index = structural_similarity(a, b, win_size=SSIM_WINDOW, data_range=1.0, channel_axis=-1, full=True)[1]
         ssim = float(np.mean(index[inside]))

@@ -269,6 +269,7 @@ def test_the_plot_is_a_picture_with_ink(three):
 def test_rungs_are_chosen_by_name_in_the_ladders_order():
     assert [rung.name for rung in named(LADDER, "standard, viewer")] == ["viewer", "standard"]
     assert named(CHOICES, None) == CHOICES
+    assert [rung.name for rung in named(CHOICES, "adam", always=CHOICES[:1])] == ["standard", "adam"]
 
 
 @pytest.mark.parametrize(
@@ -283,6 +284,11 @@ def test_rungs_are_chosen_by_name_in_the_ladders_order():
 def test_slips_in_names_are_told(names, sentence):
     with pytest.raises(InputError, match=sentence):
         named(LADDER, names)
+
+
+def test_what_choices_are_compared_with_is_no_choice():
+    with pytest.raises(InputError, match="--rungs: is standard, expected another than standard"):
+        named(CHOICES, "standard", always=CHOICES[:1])
 
 
 @pytest.mark.parametrize("rung", [*LADDER, *CHOICES], ids=lambda rung: rung.name)
