@@ -10,6 +10,7 @@ import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import AbstractContextManager, contextmanager, suppress
 from dataclasses import dataclass
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -122,7 +123,7 @@ class Batch:
         record, result = read_record(target), read_result(target / "result.json")
         assert record is not None
         line = {"name": ended.name, "scene": record.scene, "worker": record.worker, "starts": record.starts}
-        told = time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime())
+        told = datetime.now(UTC).isoformat(timespec="milliseconds")
         with open(self.out / LOG, "a", encoding="utf-8") as log:
             log.write(json.dumps({"time": told, **line, "key": record.key}, ensure_ascii=False) + "\n")
         self._note(ended.name, record, result, kept=False)

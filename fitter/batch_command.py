@@ -6,7 +6,7 @@ import functools
 import shlex
 import shutil
 import sys
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -24,12 +24,12 @@ if TYPE_CHECKING:
     from fitter.batch_list import Listed
 
 LISTS = (
-    "Text files with a scene file on each line, and options of fit behind it; folders, whose every scene.toml is fitted;"
-    " or scene files. Paths in a list are relative to it; * and ** match; # begins a comment; - is standard input."
+    "Text files with a scene file a line, and options of fit behind it; folders, whose every scene.toml is fitted;"
+    " scene files. Paths in a list are relative to it; * and ** match; # begins a comment; - is standard input."
 )
 SCHEDULER = (
-    "Fit by the workers of this Dask scheduler, such as tcp://10.0.0.1:8786. They need the same version of fit-material,"
-    " and the same files under the same paths, results included."
+    "Fit by the workers of this Dask scheduler, such as tcp://10.0.0.1:8786. They need the same version of"
+    " fit-material, and the same files under the same paths, results included."
 )
 
 
@@ -46,6 +46,10 @@ def batch(
     workers: Annotated[
         int | None,
         typer.Option(min=1, max=1024, help="Processes of this machine; as many as cores and memory allow if left out."),
+    ] = None,
+    cores: Annotated[
+        int | None,
+        typer.Option(min=1, max=1024, help="Of each worker; its share of the machine, or Dask's threads, if left out."),
     ] = None,
     quiet: Quiet = False,
     **options: Any,
@@ -66,8 +70,10 @@ def batch(
 
         with alone_in(out):
             found = Batch(scenes, out, shlex.join(["fit-material", *sys.argv[1:]]))
-            _run(found, scheduler, workers, progress)
+            told = _run(found, functools.partial(_crew, scheduler, workers, cores), progress)
     _print(found)
+    if told:
+        print(f"fit-material: {told}", file=sys.stderr, flush=True)
     raise typer.Exit(DONE if found.summary.all_usable else NO_MATERIAL)
 
 
@@ -84,35 +90,47 @@ def _asked(listed: Listed, options: Mapping[str, Any]) -> Asked:
         if not listed.words:
             raise
         told = str(error).removeprefix(": expected ")
-        raise InputError(listed.where, value=shlex.join(listed.words), expected=f"options that fit takes: {told}") from None
+        raise InputError(
+            listed.where, value=shlex.join(listed.words), expected=f"options that fit takes: {told}"
+        ) from None
     return Asked(listed.scene, how, listed.words)
 
 
-def _run(batch: Batch, scheduler: str | None, workers: int | None, progress: Progress) -> None:
-    """Fit what is left, and write the summary, of what is done where it was interrupted."""
+def _run(batch: Batch, crew: Callable[[int], Crew], progress: Progress) -> str:
+    """Fit what is left, and write the summary; a sentence on why scenes are left all the same, or ""."""
+    from fitter.batch_crew import Lost
+
     try:
         left = batch.look_up(progress)
         if left:
             progress("starting workers", 0)
-            batch.fit(left, _crew(len(left), scheduler, workers), progress)
+            batch.fit(left, crew(len(left)), progress)
+    except Lost as error:
+        batch.tell()
+        return f"{error}; {_done(batch)}"
     except KeyboardInterrupt:
-        done = sum(scene.fitted for scene in batch.known.values())
-        told = f"{done} of {len(batch.known)} scenes are done and kept; the same command goes on with the others"
-        print(f"fit-material: {told}", file=sys.stderr, flush=True)
+        print(f"fit-material: {_done(batch)}", file=sys.stderr, flush=True)
         batch.tell()
         raise
     batch.tell()
+    return ""
 
 
-def _crew(scenes: int, scheduler: str | None, workers: int | None) -> Crew:
+def _done(batch: Batch) -> str:
+    done = sum(scene.fitted for scene in batch.known.values())
+    return f"{done} of {len(batch.known)} scenes are done and kept; the same command goes on with the others"
+
+
+def _crew(scheduler: str | None, workers: int | None, cores: int | None, scenes: int) -> Crew:
+    """For so many scenes."""
     from fitter.batch import Crew
     from fitter.batch_crew import distant_crew, local_crew, usual_workers
-    from renderer.threads import cores
+    from renderer import threads
 
     if scheduler is not None:
-        return Crew(functools.partial(distant_crew, scheduler), None, f"the workers of {scheduler}")
-    count = workers or usual_workers(scenes)
-    share = max(1, cores() // count)
+        return Crew(functools.partial(distant_crew, scheduler), cores, f"the workers of {scheduler}")
+    count = workers or usual_workers(scenes, cores or 1)
+    share = cores or max(1, threads.cores() // count)
     where = f"{count} worker{'s' if count > 1 else ''} of {share} core{'s' if share > 1 else ''}"
     return Crew(functools.partial(local_crew, count), share, where)
 

@@ -23,11 +23,15 @@ MEMORY = 2 * 2**30  # bytes for each process of this machine: a fit of the stand
 PATIENCE = 10  # seconds until a scheduler has to answer
 
 
-def usual_workers(scenes: int) -> int:
-    """Processes of this machine: no more than scenes, cores, or than memory serves."""
+class Lost(Exception):
+    """The scheduler is gone, or has dropped what it was asked for; a sentence."""
+
+
+def usual_workers(scenes: int, each: int) -> int:
+    """Processes of this machine, of so many cores each: no more than scenes, or than cores and memory serve."""
     import psutil
 
-    return max(1, min(scenes, cores(), psutil.virtual_memory().available // MEMORY))
+    return max(1, min(scenes, cores() // each, psutil.virtual_memory().available // MEMORY))
 
 
 @contextmanager
@@ -82,6 +86,9 @@ def fits(client: Client, tasks: Sequence[Task]) -> Iterator[Ended]:
     """All tasks, as they end.
 
     No worker has more than one at a time: where its process dies, one scene alone can have been the reason.
+
+    Raises:
+        Lost: the scheduler does not answer any more.
     """
     ended: queue.SimpleQueue[Future] = queue.SimpleQueue()
     waiting = deque(tasks)
@@ -89,7 +96,7 @@ def fits(client: Client, tasks: Sequence[Task]) -> Iterator[Ended]:
     told = False
     try:
         while waiting or running:
-            workers = len(client.nthreads())
+            workers = _workers(client)
             if not workers and not told:
                 told = True
                 print("fit-material: the scheduler has no workers so far; waiting for one", file=sys.stderr, flush=True)
@@ -102,12 +109,23 @@ def fits(client: Client, tasks: Sequence[Task]) -> Iterator[Ended]:
                 future = ended.get(timeout=1)
                 yield _outcome(*running.pop(future.key))
     finally:
-        client.cancel([future for future, _ in running.values()], force=True)
+        with suppress(Exception):  # a scheduler that is gone
+            client.cancel([future for future, _ in running.values()], force=True)
+
+
+def _workers(client: Client) -> int:
+    """How many there are now."""
+    try:
+        return len(client.nthreads())
+    except Exception as error:  # each way to lose it has its own
+        raise Lost(f"the Dask scheduler is gone ({' '.join(str(error).split()) or type(error).__name__})") from error
 
 
 def _outcome(future: Future, task: Task) -> Ended:
     from distributed import KilledWorker
 
+    if future.cancelled():
+        raise Lost("the Dask scheduler is gone, or somebody has cancelled the fits")
     try:
         return future.result()
     except KilledWorker:

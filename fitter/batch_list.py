@@ -10,7 +10,7 @@ import shlex
 import sys
 from collections import Counter
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from renderer.checked import shortened
@@ -61,7 +61,8 @@ def read_lists(sources: Sequence[str]) -> dict[str, Listed]:
 def _source(source: str) -> Iterator[Listed]:
     path = Path(source)
     if source != "-" and (path.is_dir() or path.suffix == ".toml"):
-        yield from _expanded(source, path if path.is_dir() else Path(), "LIST", ())
+        inside = _expanded(source, Path(), "LIST", ())
+        yield from (replace(each, folder=_absolute(path)) for each in inside) if path.is_dir() else inside
         return
     for number, line in enumerate(_lines(source), 1):
         where = f"{'standard input' if source == '-' else source}: line {number}"
@@ -105,9 +106,8 @@ def _expanded(text: str, folder: Path, where: str, words: tuple[str, ...]) -> It
     for each in matches or [path]:
         if each.is_dir() and not (inside := sorted(each.rglob(SCENE_FILE))):
             raise InputError(where, value=each, expected=f"a folder with a {SCENE_FILE}, or with folders that have one")
-        root = each if path.is_dir() and where == "LIST" else folder
         for scene in inside if each.is_dir() else [each]:
-            yield Listed(_absolute(scene), _absolute(root), where, words)
+            yield Listed(_absolute(scene), _absolute(folder), where, words)
 
 
 def _is_there(path: Path) -> bool:

@@ -114,5 +114,8 @@ def dask_setup(worker: Any) -> None:
     """Called by Dask in a process that this machine's batch begins: Ctrl-C is for the batch to hear; imports, early."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     with suppress(Exception):  # the first fit meets it again, and tells it
-        import fitter.pipeline
-        import fitter.solve
+        from fitter import pipeline
+        from fitter.solve import compiling
+
+        assert pipeline
+        compiling()

@@ -79,7 +79,7 @@ def options_said(words: Sequence[str], function: Callable[..., object]) -> dict[
             command.invoke(context)
     except TyperException as error:
         message = " ".join(error.format_message().split()).rstrip(".")  # type: ignore[attr-defined] — of click's part
-        raise InputError("", expected=f"options of fit: {message[:1].lower()}{message[1:]}") from None
+        raise InputError("", expected=f"{message[:1].lower()}{message[1:]}") from None
     return {name: said[name] for name in said if _is_said(context, name)}
 
 

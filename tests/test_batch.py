@@ -1,0 +1,253 @@
+"""`fit-material batch` as a user runs it: three processes, one of them killed, one scene wrong, one run interrupted."""
+
+from __future__ import annotations
+
+import inspect
+import json
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from fitter import batch_crew, cli
+from fitter.batch import Asked, Batch
+from fitter.fit_command import chosen
+from fitter.fit_options import FitOptions
+from fitter.passed_options import options_said
+from fitter.pipeline import fit_scene
+from fitter.result import read_result
+from renderer import threads
+from renderer.synth import SynthOptions, synthesise
+from renderer.truth import TrueMatte
+
+COMMAND = [sys.executable, "-m", "fitter.cli", "batch"]
+QUICK = ("--fidelity", "preview", "--pixels", "300", "--samples", "64")
+FILES = {"result.json", "report.html", "comparison.png", "sphere.mtl", "sphere.thesis.mtl"}  # what `fit` writes
+GOOD = tuple(f"clay-{index}" for index in range(7))
+
+needs_proc = pytest.mark.skipif(not Path("/proc/self/cmdline").exists(), reason="processes are looked up in /proc")
+
+
+@pytest.fixture(scope="module")
+def clay(tmp_path_factory) -> Path:
+    """A small scene of a matte ball."""
+    options = SynthOptions(TrueMatte((0.5, 0.3, 0.2)), size=32, spp=256, views=2)
+    return synthesise(options, tmp_path_factory.mktemp("clay"))
+
+
+def command_line(clay: Path, folder: Path) -> list[str]:
+    """Eight scenes and their list, made in `folder`: the same ball seven times, and one that no fit takes."""
+    for name in (*GOOD, "wrong"):
+        shutil.copytree(clay.parent, folder / name)
+    wrong = folder / "wrong" / "scene.toml"
+    wrong.write_text(wrong.read_text().replace("exposure = 1.0", 'exposure = "fit"'))
+    (folder / "list.txt").write_text("# balls\nclay-*/scene.toml --type matte\nwrong\n")
+    return [*COMMAND, str(folder / "list.txt"), "-o", str(folder / "out"), "--workers", "3", *QUICK]
+
+
+def taken_over(out: Path) -> list[str]:
+    """The names in the log of fits that ended."""
+    log = out / "fits.jsonl"
+    return [json.loads(line)["name"] for line in log.read_text().splitlines()] if log.exists() else []
+
+
+def under_way(out: Path) -> list[tuple[str, int]]:
+    """Name and process of fits that have begun; those that have ended meanwhile may be among them."""
+    begun = [folder for folder in out.glob(".unfinished-*/*/*") if not (folder / "batch.json").exists()]
+    return [(folder.parent.name, int(folder.name.partition("-")[0])) for folder in begun]
+
+
+def wait_until(true: Callable[[], object], process: subprocess.Popen[bytes]) -> None:
+    while not true():
+        assert process.poll() is None, process.communicate()
+        time.sleep(0.02)
+
+
+def begun(command: list[str]) -> subprocess.Popen[bytes]:
+    return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
+
+
+@pytest.fixture(scope="module")
+def story(clay, tmp_path_factory) -> dict:
+    """Begun and ended by SIGTERM; begun again, and one of its processes killed at work; what was seen of it."""
+    folder = tmp_path_factory.mktemp("batch")
+    command, out = command_line(clay, folder), folder / "out"
+    with begun(command) as first:
+        wait_until(lambda: len(taken_over(out)) >= 1 and under_way(out), first)
+        workers = {process for _, process in under_way(out)}
+        first.send_signal(signal.SIGTERM)
+        _, said = first.communicate()
+    interrupted = {
+        "code": first.returncode,
+        "said": said.decode(),
+        "workers": workers,
+        "left": [path.name for path in out.iterdir() if path.name.startswith(".")],
+        "summary": json.loads((out / "summary.json").read_text()),
+        "taken": taken_over(out),
+    }
+    with begun(command) as second:
+        wait_until(lambda: under_way(out), second)
+        killed, process = under_way(out)[0]
+        os.kill(process, signal.SIGKILL)
+        told, errors = second.communicate()
+    return {
+        "command": command,
+        "out": out,
+        "interrupted": interrupted,
+        "killed": killed,
+        "code": second.returncode,
+        "told": told.decode(),
+        "errors": errors.decode(),
+    }
+
+
+@needs_proc
+def test_sigterm_keeps_what_is_done_and_leaves_no_process(story):
+    seen = story["interrupted"]
+    assert seen["code"] == 130
+    done = len(seen["taken"])
+    first, second = seen["said"].splitlines()
+    assert first == f"fit-material: {done} of 8 scenes are done and kept; the same command goes on with the others"
+    assert second.startswith("fit-material: interrupted")
+    assert seen["left"] == []
+    assert not any(is_alive(process) for process in seen["workers"])
+    fitted = [scene["name"] for scene in seen["summary"]["scenes"] if scene["seconds"] is not None]
+    assert sorted(fitted) == sorted(seen["taken"])
+    assert 1 <= done < len(GOOD)
+    assert seen["summary"]["counts"]["pending"] >= 1
+
+
+def is_alive(process: int) -> bool:
+    try:
+        return Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()[0] not in "ZX"
+    except OSError:
+        return False
+
+
+def test_every_scene_is_fitted_and_none_twice_though_a_process_was_killed(story):
+    assert sorted(taken_over(story["out"])) == sorted(GOOD)
+    summary = json.loads((story["out"] / "summary.json").read_text())
+    starts = {scene["name"]: scene["starts"] for scene in summary["scenes"] if scene["name"] in GOOD}
+    assert starts == {name: 2 if name == story["killed"] else 1 for name in GOOD}
+    kept = [scene["name"] for scene in summary["scenes"] if scene["kept"]]
+    assert sorted(kept) == sorted(story["interrupted"]["taken"])
+    for name in GOOD:
+        assert {path.name for path in (story["out"] / name).iterdir()} == FILES | {"batch.json"}
+    assert not list(story["out"].glob(".*"))
+
+
+def test_the_results_are_those_of_fit(story, clay, tmp_path):
+    """Bit by bit: whatever a process had fitted before, and however often it was begun."""
+    alone = fit_scene(clay, tmp_path / "alone", chosen_by(*QUICK, "--type", "matte"))
+    for name in GOOD:
+        found = read_result(story["out"] / name / "result.json")
+        assert (found.status, found.materials) == (alone.status, alone.materials), name
+
+
+def chosen_by(*words: str) -> FitOptions:
+    usual = {name: each.default for name, each in inspect.signature(chosen).parameters.items()}
+    return chosen(**{**usual, **options_said(words, chosen)})
+
+
+def test_a_wrong_scene_is_told_and_the_rest_goes_on(story):
+    assert (story["code"], story["errors"]) == (1, "")
+    scene = Path(story["command"][3]).parent / "wrong" / "scene.toml"
+    expected = f'{scene}: photographs[0].exposure: is "fit", expected a number: exposures are not fitted so far'
+    assert f"wrong: wrong input: {expected}" in story["told"].splitlines()
+    wrong = json.loads((story["out"] / "summary.json").read_text())["scenes"][-1]
+    assert (wrong["name"], wrong["status"], wrong["message"]) == ("wrong", "wrong_input", expected)
+    assert not (story["out"] / "wrong").exists()
+
+
+def test_the_page_leads_to_every_report_and_loads_nothing(story):
+    page = (story["out"] / "summary.html").read_text()
+    assert [name for name in GOOD if f'href="{name}/report.html"' not in page] == []
+    assert "begun 2 times" in page
+    assert page.count("fitted before") == len(story["interrupted"]["taken"]) + 1  # … and in the title's sentence
+    assert "<script" not in page
+    assert "src=" not in page
+
+
+def left_to_fit(story: dict, **changes: object) -> list[str]:
+    folder = Path(story["command"][3]).parent
+    how = chosen_by(*QUICK, "--type", "matte", *(word for pair in changes.items() for word in map(str, pair)))
+    asked = {name: Asked(folder / name / "scene.toml", how, ()) for name in GOOD}
+    return Batch(asked, story["out"], "").look_up(lambda stage, share: None)
+
+
+def test_what_is_done_is_not_done_again(story):
+    assert left_to_fit(story) == []
+
+
+def test_other_options_are_another_result(story):
+    assert left_to_fit(story, **{"--seed": 1}) == list(GOOD)
+
+
+@pytest.mark.parametrize(
+    "spoil",
+    [
+        lambda out, scene: (out / "report.html").unlink(),
+        lambda out, scene: (out / "sphere.mtl").write_text("newmtl other\n"),
+        lambda out, scene: (out / "batch.json").write_text("{"),
+        lambda out, scene: scene.write_text(scene.read_text() + "\n# changed\n"),
+        lambda out, scene: swap(scene.with_name("view_0.exr"), scene.with_name("view_1.exr")),
+        lambda out, scene: scene.unlink(),
+    ],
+    ids=["report gone", "file changed", "note damaged", "scene changed", "photographs swapped", "scene gone"],
+)
+def test_what_is_damaged_or_changed_is_fitted_again(story, spoil, tmp_path):
+    moved = shutil.copytree(Path(story["command"][3]).parent, tmp_path / "moved")
+    there = {**story, "out": moved / "out", "command": [*story["command"][:3], str(moved / "list.txt")]}
+    assert left_to_fit(there) == []  # where everything has moved, nothing has changed
+    spoil(moved / "out" / "clay-3", moved / "clay-3" / "scene.toml")
+    assert left_to_fit(there) == ["clay-3"]
+
+
+def swap(one: Path, other: Path) -> None:
+    first, second = one.read_bytes(), other.read_bytes()
+    one.write_bytes(second)
+    other.write_bytes(first)
+
+
+def run(monkeypatch, *arguments: object) -> int:
+    """The command in this process."""
+    monkeypatch.setattr(sys, "argv", ["fit-material", *map(str, arguments)])
+    monkeypatch.setattr(threads, "_limit", [])
+    with pytest.raises(SystemExit) as ended:
+        cli.main()
+    return int(ended.value.code or 0)
+
+
+def test_a_running_dask_cluster_fits(clay, tmp_path, monkeypatch, capsys):
+    from distributed import LocalCluster
+
+    scene = shutil.copytree(clay.parent, tmp_path / "photographs") / "scene.toml"
+    with LocalCluster(n_workers=1, processes=False, protocol="tcp://", dashboard_address=None) as cluster:
+        arguments = ("batch", scene, "-o", tmp_path / "out", "--scheduler", cluster.scheduler_address)
+        assert run(monkeypatch, *arguments, "--type", "matte", *QUICK) == 0
+    assert "1 scene: 1 converged. " in capsys.readouterr().out
+    name = next(path.name for path in (tmp_path / "out").iterdir() if path.is_dir())
+    assert {path.name for path in (tmp_path / "out" / name).iterdir()} == FILES | {"batch.json"}
+
+
+def test_no_scheduler_there(clay, tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr(batch_crew, "PATIENCE", 0.2)
+    assert run(monkeypatch, "batch", clay, "-o", tmp_path / "out", "--scheduler", "tcp://127.0.0.1:9") == 2
+    said = capsys.readouterr().err
+    assert said.startswith("fit-material: --scheduler: is tcp://127.0.0.1:9, expected the address of a Dask scheduler")
+    assert not (tmp_path / "out").exists()
+
+
+def test_one_batch_at_a_time_in_a_folder(clay, tmp_path, monkeypatch, capsys):
+    from fitter.batch import alone_in
+
+    with alone_in(tmp_path):
+        assert run(monkeypatch, "batch", clay, "-o", tmp_path) == 2
+    expected = "expected a folder that no other batch writes to at the same time"
+    assert capsys.readouterr().err == f"fit-material: -o: is {tmp_path}, {expected}\n"
