@@ -129,8 +129,8 @@ def _arguments() -> argparse.Namespace:
 
     names = [axis.name for axis in scaling.AXES]
     told = (
-        "draws of noise for the coverage; of throughput, of tolerance's whole commands, of accuracy's rungs, rounds of batch;"
-        f" runs of scaling, of which 1 is quick and {scaling.MOST_REPEATS} are the most"
+        "draws of noise for the coverage; of throughput, of tolerance's whole commands, of accuracy's rungs; rounds of"
+        f" batch; runs of scaling, of which 1 is quick and {scaling.MOST_REPEATS} are the most"
     )
     parser = argparse.ArgumentParser("python -m tests.bench", description=__doc__)
     parser.add_argument("parts", nargs="*", metavar="PART")
