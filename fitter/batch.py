@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import fcntl
 import json
 import os
 import shutil
@@ -71,8 +72,9 @@ class Batch:
     """
 
     def __init__(self, scenes: Mapping[str, Asked], out: Path, command: str) -> None:
-        self.scenes, self.out = scenes, out
+        self.scenes, self.out = scenes, Path(os.path.abspath(out))  # workers may be elsewhere
         self._begun, self._command, self._told = time.perf_counter(), command, 0.0
+        self._where = "nobody: all had been fitted before"
         self._keys = {name: key_of(asked.options) for name, asked in scenes.items()}
         self.known: dict[str, Scene] = {
             name: untouched(name, asked.scene, asked.words) for name, asked in scenes.items()
@@ -96,7 +98,7 @@ class Batch:
 
         done = 0
         self._where = crew.where
-        with _scratch(self.out) as folder, crew.called() as client:
+        with _scratch(self.out) as folder, crew.called() as client, _removed(folder):
             tasks = [self._task(name, folder, crew.cores) for name in names]
             progress(f"{len(names)} scenes", 0)
             for ended in fits(client, tasks):
@@ -137,8 +139,6 @@ class Batch:
         seconds = time.perf_counter() - self._begun
         return Summary(scenes=tuple(self.known.values()), seconds=seconds, where=self._where, command=self._command)
 
-    _where = "nowhere: all had been fitted before"
-
     def _tell_now_and_then(self) -> None:
         if time.perf_counter() > self._told + TOLD:
             self.tell()
@@ -155,10 +155,17 @@ class Batch:
 def _scratch(out: Path) -> Iterator[Path]:
     """A folder in `out` for fits that are under way."""
     folder = Path(tempfile.mkdtemp(prefix=UNFINISHED, dir=out))
-    try:
+    with _removed(folder):
         yield folder
+
+
+@contextmanager
+def _removed(folder: Path) -> Iterator[None]:
+    """A folder is removed at the end: fits that nobody waits for any more end when they find theirs gone."""
+    try:
+        yield
     finally:
-        shutil.rmtree(folder, ignore_errors=True)  # a fit that nobody waits for ends when it finds this gone
+        shutil.rmtree(folder, ignore_errors=True)
 
 
 @contextmanager
@@ -168,8 +175,6 @@ def alone_in(out: Path) -> Iterator[None]:
     Raises:
         InputError: it is no folder that can be written, or another batch works there.
     """
-    import fcntl
-
     try:
         out.mkdir(parents=True, exist_ok=True)
         handle = os.open(out, os.O_RDONLY)
@@ -177,13 +182,21 @@ def alone_in(out: Path) -> Iterator[None]:
     except OSError as error:
         raise InputError("-o", value=out, expected=f"a folder that can be written ({error.strerror})") from None
     try:
-        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        _lock(handle, out)
         for left in out.glob(f"{UNFINISHED}*"):
             shutil.rmtree(left, ignore_errors=True)
         yield
-    except BlockingIOError:
-        raise InputError("-o", value=out, expected="a folder that no other batch writes to at the same time") from None
     finally:
         os.close(handle)
         with suppress(OSError):  # it is not empty, but for a batch that was refused
             out.rmdir()
+
+
+def _lock(handle: int, out: Path) -> None:
+    """The folder is this process's until the handle is closed, however it ends."""
+    try:
+        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        raise InputError("-o", value=out, expected="a folder that no other batch writes to at the same time") from None
+    except OSError:  # a disk that has no locks
+        return

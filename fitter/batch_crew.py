@@ -129,7 +129,7 @@ def _outcome(future: Future, task: Task) -> Ended:
     try:
         return future.result()
     except KilledWorker:
-        starts = sum(1 for _ in (task.folder / task.name).iterdir())
+        starts = len(list((task.folder / task.name).glob("*")))
         told = "the process that fitted it died each time (out of memory, perhaps)"
         return Ended(task.name, "failed", f"{told}; tried {starts} times", starts=starts)
     except Exception as error:  # Dask's own, or of a worker that has no fit-material
