@@ -57,10 +57,10 @@ def taken_over(out: Path) -> list[str]:
     return [json.loads(line)["name"] for line in log.read_text().splitlines()] if log.exists() else []
 
 
-def under_way(out: Path) -> list[tuple[str, int]]:
-    """Name and process of fits that have begun; those that have ended meanwhile may be among them."""
+def under_way(out: Path) -> set[tuple[str, int]]:
+    """Name and process of fits that have begun and not ended."""
     begun = [folder for folder in out.glob(".unfinished-*/*/*") if not (folder / "batch.json").exists()]
-    return [(folder.parent.name, int(folder.name.partition("-")[0])) for folder in begun]
+    return {(each.parent.name, int(each.name.partition("-")[0])) for each in begun if each.parent.name != "wrong"}
 
 
 def wait_until(true: Callable[[], object], process: subprocess.Popen[bytes]) -> None:
@@ -75,52 +75,138 @@ def begun(command: list[str]) -> subprocess.Popen[bytes]:
 
 @pytest.fixture(scope="module")
 def story(clay, tmp_path_factory) -> dict:
-    """Begun and ended by SIGTERM; begun again, and one of its processes killed at work; what was seen of it."""
+    """Three processes fit all scenes; one of them is killed at its work as soon as a result is there."""
     folder = tmp_path_factory.mktemp("batch")
     command, out = command_line(clay, folder), folder / "out"
+    with begun(command) as process:
+        wait_until(lambda: taken_over(out), process)
+        before = under_way(out)
+        wait_until(lambda: under_way(out) - before, process)  # one that has just begun will not end meanwhile
+        killed, worker = (under_way(out) - before).pop()
+        os.kill(worker, signal.SIGKILL)
+        told, errors = process.communicate()
+    seen = {"killed": killed, "code": process.returncode, "told": told.decode(), "errors": errors.decode()}
+    return {"folder": folder, "out": out, **seen}
+
+
+@needs_proc
+def test_every_scene_is_fitted_and_none_twice_though_a_process_was_killed(story):
+    assert sorted(taken_over(story["out"])) == sorted(GOOD)
+    summary = json.loads((story["out"] / "summary.json").read_text())
+    starts = {scene["name"]: scene["starts"] for scene in summary["scenes"] if scene["name"] in GOOD}
+    assert starts == {name: 2 if name == story["killed"] else 1 for name in GOOD}
+    for name in GOOD:
+        assert {path.name for path in (story["out"] / name).iterdir()} == FILES | {"batch.json"}
+    assert not list(story["out"].glob(".*"))
+
+
+def test_the_results_are_those_of_fit(story, clay, tmp_path):
+    """Bit by bit: whatever a process had fitted before, and however often it was begun."""
+    alone = fit_scene(clay, tmp_path / "alone", chosen_by(*QUICK, "--type", "matte"))
+    for name in GOOD:
+        found = read_result(story["out"] / name / "result.json")
+        assert (found.status, found.materials) == (alone.status, alone.materials), name
+
+
+def chosen_by(*words: str) -> FitOptions:
+    usual = {name: each.default for name, each in inspect.signature(chosen).parameters.items()}
+    return chosen(**{**usual, **options_said(words, chosen)})
+
+
+def test_a_wrong_scene_is_told_and_the_rest_goes_on(story):
+    assert (story["code"], story["errors"]) == (1, "")
+    scene = story["folder"] / "wrong" / "scene.toml"
+    expected = f'{scene}: photographs[0].exposure: is "fit", expected a number: exposures are not fitted so far'
+    assert f"wrong: wrong input: {expected}" in story["told"].splitlines()
+    wrong = json.loads((story["out"] / "summary.json").read_text())["scenes"][-1]
+    assert (wrong["name"], wrong["status"], wrong["message"]) == ("wrong", "wrong_input", expected)
+    assert not (story["out"] / "wrong").exists()
+
+
+def test_the_page_leads_to_every_report_and_loads_nothing(story):
+    page = (story["out"] / "summary.html").read_text()
+    assert [name for name in GOOD if f'href="{name}/report.html"' not in page] == []
+    assert page.count("begun 2 times") == 1
+    assert "<script" not in page
+    assert "src=" not in page
+
+
+def left_to_fit(folder: Path, *changes: str) -> list[str]:
+    how = chosen_by(*QUICK, "--type", "matte", *changes)
+    asked = {name: Asked(folder / name / "scene.toml", how, ()) for name in GOOD}
+    return Batch(asked, folder / "out", "").look_up(lambda stage, share: None)
+
+
+def test_other_options_are_another_result(story):
+    assert left_to_fit(story["folder"]) == []
+    assert left_to_fit(story["folder"], "--seed", "1") == list(GOOD)
+
+
+@pytest.mark.parametrize(
+    "spoil",
+    [
+        lambda out, scene: (out / "report.html").unlink(),
+        lambda out, scene: (out / "sphere.mtl").write_text("newmtl other\n"),
+        lambda out, scene: (out / "batch.json").write_text("{"),
+        lambda out, scene: scene.write_text(scene.read_text() + "\n# changed\n"),
+        lambda out, scene: swap(scene.with_name("view_0.exr"), scene.with_name("view_1.exr")),
+        lambda out, scene: scene.unlink(),
+    ],
+    ids=["report gone", "file changed", "note damaged", "scene changed", "photographs swapped", "scene gone"],
+)
+def test_what_is_damaged_or_changed_is_fitted_again(story, spoil, tmp_path):
+    moved = shutil.copytree(story["folder"], tmp_path / "moved")
+    assert left_to_fit(moved) == []  # where everything has moved, nothing has changed
+    spoil(moved / "out" / "clay-3", moved / "clay-3" / "scene.toml")
+    assert left_to_fit(moved) == ["clay-3"]
+
+
+def swap(one: Path, other: Path) -> None:
+    first, second = one.read_bytes(), other.read_bytes()
+    one.write_bytes(second)
+    other.write_bytes(first)
+
+
+def test_again_for_nothing(story, monkeypatch, capsys, tmp_path):
+    """Without the one that is wrong all are usable, and nobody is called to fit."""
+    folder = shutil.copytree(story["folder"], tmp_path / "again")
+    shutil.rmtree(folder / "wrong")
+    before = {path: path.stat().st_mtime_ns for path in (folder / "out").glob("*/*")}
+    monkeypatch.setattr(batch_crew, "local_crew", None)
+    assert run(monkeypatch, "batch", folder, "-o", folder / "out", *QUICK, "--type", "matte") == 0
+    told = capsys.readouterr().out
+    assert "7 scenes: 7 converged; 7 of them fitted before. " in told
+    assert told.endswith(f"by nobody: all had been fitted before.\nsummary: {folder / 'out' / 'summary.html'}\n")
+    assert {path: path.stat().st_mtime_ns for path in (folder / "out").glob("*/*")} == before
+    assert (folder / "out" / "summary.html").read_text().count("<small>fitted before</small>") == len(GOOD)
+
+
+@needs_proc
+@pytest.mark.slow  # two runs, of which the second is not needed elsewhere
+def test_sigterm_keeps_what_is_done_and_the_same_command_goes_on(clay, tmp_path):
+    """And no process stays behind."""
+    command, out = command_line(clay, tmp_path), tmp_path / "out"
     with begun(command) as first:
         wait_until(lambda: len(taken_over(out)) >= 1 and under_way(out), first)
         workers = {process for _, process in under_way(out)}
         first.send_signal(signal.SIGTERM)
         _, said = first.communicate()
-    interrupted = {
-        "code": first.returncode,
-        "said": said.decode(),
-        "workers": workers,
-        "left": [path.name for path in out.iterdir() if path.name.startswith(".")],
-        "summary": json.loads((out / "summary.json").read_text()),
-        "taken": taken_over(out),
-    }
-    with begun(command) as second:
-        wait_until(lambda: under_way(out), second)
-        killed, process = under_way(out)[0]
-        os.kill(process, signal.SIGKILL)
-        told, errors = second.communicate()
-    return {
-        "command": command,
-        "out": out,
-        "interrupted": interrupted,
-        "killed": killed,
-        "code": second.returncode,
-        "told": told.decode(),
-        "errors": errors.decode(),
-    }
-
-
-@needs_proc
-def test_sigterm_keeps_what_is_done_and_leaves_no_process(story):
-    seen = story["interrupted"]
-    assert seen["code"] == 130
-    done = len(seen["taken"])
-    first, second = seen["said"].splitlines()
-    assert first == f"fit-material: {done} of 8 scenes are done and kept; the same command goes on with the others"
-    assert second.startswith("fit-material: interrupted")
-    assert seen["left"] == []
-    assert not any(is_alive(process) for process in seen["workers"])
-    fitted = [scene["name"] for scene in seen["summary"]["scenes"] if scene["seconds"] is not None]
-    assert sorted(fitted) == sorted(seen["taken"])
-    assert 1 <= done < len(GOOD)
-    assert seen["summary"]["counts"]["pending"] >= 1
+    taken, summary = taken_over(out), json.loads((out / "summary.json").read_text())
+    assert first.returncode == 130
+    done, interrupted = said.decode().splitlines()
+    expected = f"fit-material: {len(taken)} of 8 scenes are done and kept; the same command goes on with the others"
+    assert done == expected
+    assert interrupted.startswith("fit-material: interrupted")
+    assert not list(out.glob(".*"))
+    assert not any(is_alive(process) for process in workers)
+    assert 1 <= len(taken) < len(GOOD)
+    fitted = [scene["name"] for scene in summary["scenes"] if scene["seconds"] is not None]
+    assert sorted(fitted) == sorted(taken)
+    assert summary["counts"]["pending"] >= 1
+    assert subprocess.run(command, check=False, stdout=subprocess.DEVNULL).returncode == 1  # of the wrong one
+    assert sorted(taken_over(out)) == sorted(GOOD)
+    summary = json.loads((out / "summary.json").read_text())
+    assert sorted(scene["name"] for scene in summary["scenes"] if scene["kept"]) == sorted(taken)
 
 
 @needs_proc
@@ -150,91 +236,6 @@ def is_alive(process: int) -> bool:
         return Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()[0] not in "ZX"
     except OSError:
         return False
-
-
-def test_every_scene_is_fitted_and_none_twice_though_a_process_was_killed(story):
-    assert sorted(taken_over(story["out"])) == sorted(GOOD)
-    summary = json.loads((story["out"] / "summary.json").read_text())
-    starts = {scene["name"]: scene["starts"] for scene in summary["scenes"] if scene["name"] in GOOD}
-    assert starts == {name: 2 if name == story["killed"] else 1 for name in GOOD}
-    kept = [scene["name"] for scene in summary["scenes"] if scene["kept"]]
-    assert sorted(kept) == sorted(story["interrupted"]["taken"])
-    for name in GOOD:
-        assert {path.name for path in (story["out"] / name).iterdir()} == FILES | {"batch.json"}
-    assert not list(story["out"].glob(".*"))
-
-
-def test_the_results_are_those_of_fit(story, clay, tmp_path):
-    """Bit by bit: whatever a process had fitted before, and however often it was begun."""
-    alone = fit_scene(clay, tmp_path / "alone", chosen_by(*QUICK, "--type", "matte"))
-    for name in GOOD:
-        found = read_result(story["out"] / name / "result.json")
-        assert (found.status, found.materials) == (alone.status, alone.materials), name
-
-
-def chosen_by(*words: str) -> FitOptions:
-    usual = {name: each.default for name, each in inspect.signature(chosen).parameters.items()}
-    return chosen(**{**usual, **options_said(words, chosen)})
-
-
-def test_a_wrong_scene_is_told_and_the_rest_goes_on(story):
-    assert (story["code"], story["errors"]) == (1, "")
-    scene = Path(story["command"][3]).parent / "wrong" / "scene.toml"
-    expected = f'{scene}: photographs[0].exposure: is "fit", expected a number: exposures are not fitted so far'
-    assert f"wrong: wrong input: {expected}" in story["told"].splitlines()
-    wrong = json.loads((story["out"] / "summary.json").read_text())["scenes"][-1]
-    assert (wrong["name"], wrong["status"], wrong["message"]) == ("wrong", "wrong_input", expected)
-    assert not (story["out"] / "wrong").exists()
-
-
-def test_the_page_leads_to_every_report_and_loads_nothing(story):
-    page = (story["out"] / "summary.html").read_text()
-    assert [name for name in GOOD if f'href="{name}/report.html"' not in page] == []
-    assert "begun 2 times" in page
-    assert page.count("<small>fitted before</small>") == len(story["interrupted"]["taken"])
-    assert "<script" not in page
-    assert "src=" not in page
-
-
-def left_to_fit(story: dict, **changes: object) -> list[str]:
-    folder = Path(story["command"][3]).parent
-    how = chosen_by(*QUICK, "--type", "matte", *(word for pair in changes.items() for word in map(str, pair)))
-    asked = {name: Asked(folder / name / "scene.toml", how, ()) for name in GOOD}
-    return Batch(asked, story["out"], "").look_up(lambda stage, share: None)
-
-
-def test_what_is_done_is_not_done_again(story):
-    assert left_to_fit(story) == []
-
-
-def test_other_options_are_another_result(story):
-    assert left_to_fit(story, **{"--seed": 1}) == list(GOOD)
-
-
-@pytest.mark.parametrize(
-    "spoil",
-    [
-        lambda out, scene: (out / "report.html").unlink(),
-        lambda out, scene: (out / "sphere.mtl").write_text("newmtl other\n"),
-        lambda out, scene: (out / "batch.json").write_text("{"),
-        lambda out, scene: scene.write_text(scene.read_text() + "\n# changed\n"),
-        lambda out, scene: swap(scene.with_name("view_0.exr"), scene.with_name("view_1.exr")),
-        lambda out, scene: scene.unlink(),
-    ],
-    ids=["report gone", "file changed", "note damaged", "scene changed", "photographs swapped", "scene gone"],
-)
-def test_what_is_damaged_or_changed_is_fitted_again(story, spoil, tmp_path):
-    moved = shutil.copytree(Path(story["command"][3]).parent, tmp_path / "moved")
-    there = {**story, "out": moved / "out", "command": [*story["command"][:3], str(moved / "list.txt")]}
-    assert left_to_fit(there) == []  # where everything has moved, nothing has changed
-    spoil(moved / "out" / "clay-3", moved / "clay-3" / "scene.toml")
-    assert left_to_fit(there) == ["clay-3"]
-
-
-def swap(one: Path, other: Path) -> None:
-    first, second = one.read_bytes(), other.read_bytes()
-    one.write_bytes(second)
-    other.write_bytes(first)
 
 
 def run(monkeypatch, *arguments: object) -> int:

@@ -117,12 +117,15 @@ def run(scenes: Sequence[tuple[Path, str]], how: Sequence[str], kill_after: int 
 
 
 def _kill_one(process: subprocess.Popen[bytes], out: Path, after: int) -> str:
-    """The scene whose process was killed."""
+    """The scene whose process was killed, one that had just begun."""
+    before: set[Path] | None = None
     while process.poll() is None:
-        under_way = [each for each in out.glob(".unfinished-*/*/*") if not (each / "batch.json").exists()]
-        if len(_log(out)) >= after and under_way:
-            os.kill(int(under_way[0].name.partition("-")[0]), signal.SIGKILL)
-            return under_way[0].parent.name
+        under_way = {each for each in out.glob(".unfinished-*/*/*") if not (each / "batch.json").exists()}
+        if len(_log(out)) >= after:
+            before = under_way if before is None else before
+            for begun in under_way - before:
+                os.kill(int(begun.name.partition("-")[0]), signal.SIGKILL)
+                return begun.parent.name
         time.sleep(0.02)
     return "nothing: the batch had ended"
 
