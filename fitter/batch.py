@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
 LOG = "fits.jsonl"  # a line for every result that was taken over, in the order of time
 UNFINISHED = ".unfinished-"
-TOLD = 2.0  # seconds between two versions of the summary
+TOLD = 5.0  # seconds between two versions of the summary
 
 
 @dataclass(frozen=True)

@@ -29,9 +29,9 @@ class Lost(Exception):
 
 def usual_workers(scenes: int, each: int) -> int:
     """Processes of this machine, of so many cores each: no more than scenes, or than cores and memory serve."""
-    import psutil
+    from distributed.system import MEMORY_LIMIT  # a container's, where it has one
 
-    return max(1, min(scenes, cores() // each, psutil.virtual_memory().available // MEMORY))
+    return max(1, min(scenes, cores() // each, MEMORY_LIMIT // MEMORY))
 
 
 @contextmanager
