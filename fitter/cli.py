@@ -16,6 +16,7 @@ import typer
 from typer.exceptions import TyperException
 
 from fitter.advise_command import advise
+from fitter.batch_command import batch
 from fitter.command_options import Out
 from fitter.fit_command import DONE, NO_MATERIAL, demo, fit
 from fitter.frontier_command import frontier
@@ -42,6 +43,7 @@ app.command()(frontier)
 app.command()(plan)
 app.command()(probe)
 app.command()(fit)
+app.command()(batch)
 app.command()(synth)
 app.command()(demo)
 app.command()(selftest)

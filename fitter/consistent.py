@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from fitter.fit_options import FitOptions
-from fitter.tolerance import require_tolerance
 from renderer.errors import InputError
 from renderer.plan import require_choosable
 
@@ -18,4 +17,6 @@ def require_consistent(options: FitOptions) -> None:
         expected = "--reflectance conductor, which is exact"
         raise InputError("--with", value=f"exact-fresnel, --reflectance {reflectance}", expected=expected)
     if options.tolerance is not None:
+        from fitter.tolerance import require_tolerance
+
         require_tolerance(options.tolerance, options.fidelity)

@@ -5,12 +5,15 @@ from __future__ import annotations
 import shlex
 import sys
 import time
+from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated, Any
 
 import typer
 
 from fitter.command_options import Device, Out, Quiet, Seed, With, Without
+from fitter.fidelity import fidelity_of
+from fitter.fit_options import FitOptions
 from fitter.option_names import (
     DtypeName,
     FidelityName,
@@ -20,20 +23,16 @@ from fitter.option_names import (
     SolverName,
     TypeName,
 )
+from fitter.passed_options import with_parameters_of
 from fitter.printing import say
 from fitter.progress import progress_bar
 from renderer.errors import InputError
-
-if TYPE_CHECKING:
-    from fitter.fidelity import Fidelity
 
 BEGUN = time.perf_counter()
 DONE, NO_MATERIAL = 0, 1  # exit codes
 
 
-def fit(
-    scene: Annotated[Path, typer.Argument(metavar="SCENE.toml")],
-    out: Out,
+def chosen(
     type_: Annotated[
         TypeName, typer.Option("--type", help="Of materials that the scene leaves open; auto tries all.")
     ] = TypeName.auto,
@@ -68,25 +67,44 @@ def fit(
     solver: Annotated[SolverName, typer.Option(help="Least squares by which method.")] = SolverName.lm,
     seed: Seed = 0,
     device: Device = "cpu",
-    quiet: Quiet = False,
-) -> None:
-    """Fit the material of a scene; writes result.json, report.html and two MTL files."""
-    from fitter.fidelity import fidelity_of
+) -> FitOptions:
+    """How to fit, by the words of the command line: the options of `fit`, and of every fit of `batch`.
 
+    Raises:
+        InputError: a value is out of its range, or chosen by another option already.
+    """
     named = {"reflectance": reflectance, "lobe": lobe, "dtype": dtype}
     numbers = {"samples": samples, "pixels": pixels, "levels": levels, "environment_size": environment_size}
     words = {key: None if name is None else name.value for key, name in named.items()}
     accuracy = fidelity_of(fidelity.value, **words, **numbers)  # type: ignore[arg-type] — the enums' values
     _require_free(tolerance, {key: numbers[key] for key in ("samples", "pixels", "levels")})
-    chosen = (type_.value, accuracy, prior.value, solver.value)
-    effects = (tuple(with_ or ()), tuple(without or ()))
-    code = _fit(scene, out, *chosen, seed, device, quiet, polish=polish, tolerance=tolerance, effects=effects)
-    raise typer.Exit(code)
+    return FitOptions(
+        accuracy,
+        solver.value,
+        seed,
+        device,
+        type=type_.value,
+        prior=prior.value,
+        polish=polish,
+        tolerance=tolerance,
+        wanted=tuple(with_ or ()),
+        unwanted=tuple(without or ()),
+    )
+
+
+@with_parameters_of(chosen)
+def fit(
+    scene: Annotated[Path, typer.Argument(metavar="SCENE.toml")],
+    out: Out,
+    quiet: Quiet = False,
+    **options: Any,
+) -> None:
+    """Fit the material of a scene; writes result.json, report.html and two MTL files."""
+    raise typer.Exit(_fit(scene, out, chosen(**options), quiet, BEGUN))
 
 
 def demo(out: Out = Path("demo"), quiet: Quiet = False) -> None:
     """Photograph a gold ball with Mitsuba and fit it; needs no input."""
-    from fitter.fidelity import PRESETS
     from fitter.true_material import true_material
     from renderer.synth import SynthOptions, synthesise
 
@@ -94,7 +112,7 @@ def demo(out: Out = Path("demo"), quiet: Quiet = False) -> None:
     options = SynthOptions(gold, size=128, spp=512)
     with progress_bar(quiet) as progress:
         scene = synthesise(options, out / "photographs", progress)
-    code = _fit(scene, out, "metal", PRESETS["standard"], "none", "lm", 0, "cpu", quiet, begun=time.perf_counter())
+    code = _fit(scene, out, FitOptions(type="metal"), quiet, time.perf_counter())
     say(f"truth: {out / 'photographs' / 'truth.json'}")
     raise typer.Exit(code)
 
@@ -106,29 +124,13 @@ def _require_free(tolerance: float | None, numbers: dict[str, int | None]) -> No
             raise InputError(f"--{key}", value=value, expected=f"no {key} beside --tolerance, which chooses them")
 
 
-def _fit(
-    scene: Path,
-    out: Path,
-    kind: str,
-    fidelity: Fidelity,
-    prior: str,
-    solver: str,
-    seed: int,
-    device: str,
-    quiet: bool,
-    begun: float = BEGUN,
-    polish: bool = False,
-    tolerance: float | None = None,
-    effects: tuple[tuple[str, ...], tuple[str, ...]] = ((), ()),
-) -> int:
+def _fit(scene: Path, out: Path, options: FitOptions, quiet: bool, begun: float) -> int:
     with progress_bar(quiet) as progress:
         progress("starting", 0)
-        from fitter.pipeline import FitOptions, fit_scene
+        from fitter.pipeline import fit_scene
 
         command = shlex.join(["fit-material", *sys.argv[1:]])
-        told = (solver, seed, device, command, kind, prior, polish, tolerance, *effects)
-        options = FitOptions(fidelity, *told)  # type: ignore[arg-type] — PriorName's
-        result = fit_scene(scene, out, options, progress, begun)
+        result = fit_scene(scene, out, replace(options, command=command), progress, begun)
     _print_result(result, out)
     return DONE if result.status == "converged" else NO_MATERIAL
 

@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 from fitter.fidelity import PRESETS, Fidelity
-from fitter.prior import Prior
+
+if TYPE_CHECKING:
+    from fitter.prior import Prior
 
 
 @dataclass(frozen=True)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from math import floor, log10
 from typing import Any
 
 from fitter.result import CHANNELS, FittedMaterial
@@ -35,6 +36,11 @@ def _open(material: FittedMaterial, key: str) -> str:
 
 def _with_error(value: float, error: float | None, none: str = " (not determined)") -> str:
     return f"{value:.4g} ± {error:.4g}" if error is not None else f"{value:.4g}{none}"
+
+
+def decimals(error: float) -> int:
+    """Decimals that show two digits of `error`, at most eight."""
+    return min(max(1 - floor(log10(error)), 0), 8) if error > 0 else 4
 
 
 def _channels(part: Any, count: int) -> Any:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import base64
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from math import floor, log10
 from typing import Any
 
 from markupsafe import Markup
@@ -15,6 +14,7 @@ from fitter.curves import CHANNELS, Curve, reflectance_svg
 from fitter.pages import page_templates
 from fitter.pictures import DIFFERENCE_RANGE, Rgba, comparison_png, difference_colors, png, tiles
 from fitter.quality import ViewPictures
+from fitter.remarks import decimals
 from fitter.result import FittedMaterial, FromPrior, PerParameter, Result
 
 __all__ = ["ViewPictures", "comparison_png", "render_report"]
@@ -158,21 +158,16 @@ def _with_error(value: float, error: float | None) -> str:
     """`0.2310 ± 0.0062 (2.7 %)`: two digits of the error, and the value as far."""
     if not error:
         return _number(value)
-    decimals = _decimals(error)
+    places = decimals(error)
     percent = f" ({100 * error / abs(value):.2g} %)" if value and error < 10 * abs(value) else ""
-    return f"{value:.{decimals}f} ± {error:.{decimals}f}{percent}"
+    return f"{value:.{places}f} ± {error:.{places}f}{percent}"
 
 
 def _interval(interval: tuple[float, float] | None, error: float | None) -> str:
     if interval is None:
         return "–"
-    decimals = _decimals(error or interval[1] - interval[0])
-    return f"{interval[0]:.{decimals}f} … {interval[1]:.{decimals}f}"
-
-
-def _decimals(error: float) -> int:
-    """Decimals that show two digits of `error`, at most eight."""
-    return min(max(1 - floor(log10(error)), 0), 8) if error > 0 else 4
+    places = decimals(error or interval[1] - interval[0])
+    return f"{interval[0]:.{places}f} … {interval[1]:.{places}f}"
 
 
 def _number(value: float | None, digits: int = 4, unit: str = "") -> str:

@@ -47,8 +47,27 @@ def one_ahead(work: Callable[[Item], Made], items: Iterable[Item]) -> Iterator[M
             yield pending.result()
 
 
+_limit: list[int] = []
+
+
+def limit_cores(count: int) -> None:
+    """From now on this process computes on so many cores at a time: torch, Dr.Jit, and what is shared out here.
+
+    Where several processes have a share of the machine each, those that took all of it would wait for each other.
+    """
+    import drjit
+
+    _limit[:] = [count]
+    torch.set_num_threads(count)
+    drjit.set_thread_count(count)
+
+
 def cores() -> int:
     """Cores that this process may use; only Linux tells them from those of the machine."""
+    return min([_cores_here(), *_limit])
+
+
+def _cores_here() -> int:
     if hasattr(os, "sched_getaffinity"):
         return len(os.sched_getaffinity(0))
     return os.cpu_count() or 1

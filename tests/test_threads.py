@@ -1,6 +1,8 @@
 """Work in threads: the same as `map`, on any system."""
 
 import os
+import subprocess
+import sys
 
 import pytest
 
@@ -37,3 +39,17 @@ def test_what_fails_ahead_is_raised_where_it_is_due():
     assert next(pieces) == 1
     with pytest.raises(ZeroDivisionError):
         next(pieces)
+
+
+def test_a_process_that_has_a_share_of_the_machine_takes_no_more():
+    """In a process of its own: Dr.Jit and torch keep the number."""
+    code = """
+import drjit, os, torch
+os.sched_getaffinity = lambda process: set(range(8))
+from renderer import threads
+assert threads.cores() == 8
+threads.limit_cores(3)
+print(threads.cores(), torch.get_num_threads(), drjit.thread_count())
+"""
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert (done.stdout, done.stderr) == ("3 3 3\n", "")

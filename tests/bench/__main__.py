@@ -15,6 +15,7 @@ from renderer.to_mitsuba import variant_here
 from tests.bench import (
     accuracy,
     agreement,
+    batch,
     budget,
     coverage,
     frame,
@@ -89,6 +90,10 @@ def parts(asked: argparse.Namespace) -> Parts:
             partial(tolerance.rows, selection=whole, repeats=repeats or tolerance.USUAL_REPEATS),
         ),
         "accuracy": ("What accuracy costs in time", partial(accuracy.rows, extent=_extent(asked), out=asked.out)),
+        "batch": (
+            "Many small scenes",
+            partial(batch.rows, scenes=asked.scenes, repeats=repeats or batch.USUAL_REPEATS),
+        ),
         "hard-cases": ("Hard cases", partial(hard_cases.rows, out=asked.out)),
         "real": (
             "Recovery: a sphere and two meshes, 512 samples",
@@ -124,8 +129,8 @@ def _arguments() -> argparse.Namespace:
 
     names = [axis.name for axis in scaling.AXES]
     told = (
-        "draws of noise for the coverage; of throughput, of tolerance's whole commands, of accuracy's rungs;"
-        f" runs of scaling, of which 1 is quick and {scaling.MOST_REPEATS} are the most"
+        "draws of noise for the coverage; of throughput, of tolerance's whole commands, of accuracy's rungs; rounds of"
+        f" batch; runs of scaling, of which 1 is quick and {scaling.MOST_REPEATS} are the most"
     )
     parser = argparse.ArgumentParser("python -m tests.bench", description=__doc__)
     parser.add_argument("parts", nargs="*", metavar="PART")
@@ -138,6 +143,7 @@ def _arguments() -> argparse.Namespace:
     parser.add_argument("--jobs", type=int, default=1, help="fits at a time")
     parser.add_argument("--repeats", type=int, help=told)
     parser.add_argument("--axes", type=listed, default=tuple(names), metavar=",".join(names), help="of scaling")
+    parser.add_argument("--scenes", type=int, default=batch.SCENES, help="of batch")
     materials = tuple(accuracy.MATERIALS)
     parser.add_argument("--materials", type=listed, default=materials, metavar=",".join(materials), help="of accuracy")
     ladder = ",".join(rung.name for rung in LADDER)

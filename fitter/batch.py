@@ -1,0 +1,202 @@
+"""Many scenes: those that have no result yet are fitted by a crew of processes, and each result is taken over once."""
+
+from __future__ import annotations
+
+import fcntl
+import json
+import os
+import shutil
+import tempfile
+import time
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import AbstractContextManager, contextmanager, suppress
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from fitter.batch_record import RECORD, Fitted, earlier, key_of, read_record
+from fitter.batch_summary import Scene, Summary, outcome, untouched
+from fitter.batch_worker import Ended, Task
+from fitter.fit_options import FitOptions
+from fitter.progress import Progress
+from fitter.result import Result, read_result
+from renderer.atomic import replaced_together
+from renderer.errors import InputError
+
+if TYPE_CHECKING:
+    from distributed import Client
+
+LOG = "fits.jsonl"  # a line for every result that was taken over, in the order of time
+UNFINISHED = ".unfinished-"
+TOLD = 5.0  # seconds between two versions of the summary
+
+
+@dataclass(frozen=True)
+class Asked:
+    """A scene of a batch, and how to fit it.
+
+    Attributes:
+        scene: file, absolute.
+        options: of the fit.
+        words: options that the list gives this scene alone.
+    """
+
+    scene: Path
+    options: FitOptions
+    words: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Crew:
+    """Who fits.
+
+    Attributes:
+        called: lends a client of Dask for so many scenes.
+        cores: for each fit; None for as many as Dask's worker has threads.
+        where: in words.
+    """
+
+    called: Callable[[], AbstractContextManager[Client]]
+    cores: int | None
+    where: str
+
+
+class Batch:
+    """All scenes of a batch, by the names of their results, and what is known of each.
+
+    Attributes:
+        scenes: what is asked for.
+        out: folder of all results and of the summary.
+        known: of every scene its state.
+    """
+
+    def __init__(self, scenes: Mapping[str, Asked], out: Path, command: str) -> None:
+        self.scenes, self.out = scenes, Path(os.path.abspath(out))  # workers may be elsewhere
+        self._begun, self._command, self._told = time.perf_counter(), command, 0.0
+        self._where = "nobody: all had been fitted before"
+        self._keys = {name: key_of(asked.options) for name, asked in scenes.items()}
+        self.known: dict[str, Scene] = {
+            name: untouched(name, asked.scene, asked.words) for name, asked in scenes.items()
+        }
+
+    def look_up(self, progress: Progress) -> list[str]:
+        """Take what earlier batches have fitted; the names of what is left to fit."""
+        left = []
+        for number, (name, asked) in enumerate(self.scenes.items()):
+            progress("looking for earlier results", number / len(self.scenes))
+            found = earlier(self.out / name, asked.scene, self._keys[name])
+            if found is None:
+                left.append(name)
+            else:
+                self._note(name, *found, kept=True)
+        return left
+
+    def fit(self, names: list[str], crew: Crew, progress: Progress) -> None:
+        """Fit those scenes and take their results over, each as soon as it is there."""
+        from fitter.batch_crew import fits
+
+        done = 0
+        self._where = crew.where
+        with _scratch(self.out) as folder, crew.called() as client, _removed(folder):
+            tasks = [self._task(name, folder, crew.cores) for name in names]
+            progress(f"{len(names)} scenes", 0)
+            for ended in fits(client, tasks):
+                self._take(ended)
+                done += 1
+                progress(f"{len(names)} scenes", done / len(names))
+                self._tell_now_and_then()
+
+    def _task(self, name: str, folder: Path, cores: int | None) -> Task:
+        asked = self.scenes[name]
+        return Task(name, asked.scene, asked.options, self._keys[name], folder, self._command, cores)
+
+    def _take(self, ended: Ended) -> None:
+        """Make a fit's files the scene's result, which no other process does: none is there twice or in halves."""
+        if ended.folder is None:
+            state = "wrong_input" if ended.how == "refused" else "failed"
+            found = {"status": state, "message": ended.told, "worker": ended.worker, "starts": ended.starts}
+            self.known[ended.name] = self.known[ended.name].model_copy(update=found)
+            return
+        target = self.out / ended.name
+        with replaced_together(target, last=RECORD) as folder:
+            for path in ended.folder.iterdir():
+                os.replace(path, folder / path.name)
+        record, result = read_record(target), read_result(target / "result.json")
+        assert record is not None
+        line = {"name": ended.name, "scene": record.scene, "worker": record.worker, "starts": record.starts}
+        told = datetime.now(UTC).isoformat(timespec="milliseconds")
+        with open(self.out / LOG, "a", encoding="utf-8") as log:
+            log.write(json.dumps({"time": told, **line, "key": record.key}, ensure_ascii=False) + "\n")
+        self._note(ended.name, record, result, kept=False)
+
+    def _note(self, name: str, record: Fitted, result: Result, kept: bool) -> None:
+        self.known[name] = outcome(self.known[name], record, result, kept)
+
+    @property
+    def summary(self) -> Summary:
+        """Of all scenes, as far as they are known."""
+        seconds = time.perf_counter() - self._begun
+        return Summary(scenes=tuple(self.known.values()), seconds=seconds, where=self._where, command=self._command)
+
+    def _tell_now_and_then(self) -> None:
+        if time.perf_counter() > self._told + TOLD:
+            self.tell()
+            self._told = time.perf_counter()
+
+    def tell(self) -> None:
+        """Write the summary."""
+        from fitter.batch_page import write_summary
+
+        write_summary(self.summary, self.out)
+
+
+@contextmanager
+def _scratch(out: Path) -> Iterator[Path]:
+    """A folder in `out` for fits that are under way."""
+    folder = Path(tempfile.mkdtemp(prefix=UNFINISHED, dir=out))
+    with _removed(folder):
+        yield folder
+
+
+@contextmanager
+def _removed(folder: Path) -> Iterator[None]:
+    """A folder is removed at the end: fits that nobody waits for any more end when they find theirs gone."""
+    try:
+        yield
+    finally:
+        shutil.rmtree(folder, ignore_errors=True)
+
+
+@contextmanager
+def alone_in(out: Path) -> Iterator[None]:
+    """Make the folder of a batch, without what an earlier one left unfinished; no other batch works there meanwhile.
+
+    Raises:
+        InputError: it is no folder that can be written, or another batch works there.
+    """
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+        handle = os.open(out, os.O_RDONLY)
+        tempfile.TemporaryFile(dir=out).close()
+    except OSError as error:
+        raise InputError("-o", value=out, expected=f"a folder that can be written ({error.strerror})") from None
+    try:
+        _lock(handle, out)
+        for left in out.glob(f"{UNFINISHED}*"):
+            shutil.rmtree(left, ignore_errors=True)
+        yield
+    finally:
+        os.close(handle)
+        with suppress(OSError):  # it is not empty, but for a batch that was refused
+            out.rmdir()
+
+
+def _lock(handle: int, out: Path) -> None:
+    """The folder is this process's until the handle is closed, however it ends."""
+    try:
+        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        raise InputError("-o", value=out, expected="a folder that no other batch writes to at the same time") from None
+    except OSError:  # a disk that has no locks
+        return

@@ -1,0 +1,142 @@
+"""The arguments of `fit-material batch`, and what it prints; heavy imports are late."""
+
+from __future__ import annotations
+
+import functools
+import shlex
+import shutil
+import sys
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from fitter.command_options import Quiet, output_folder
+from fitter.fit_command import DONE, NO_MATERIAL, chosen
+from fitter.passed_options import options_said, with_parameters_of
+from fitter.printing import say
+from fitter.progress import Progress, progress_bar
+from renderer.errors import InputError
+
+if TYPE_CHECKING:
+    from fitter.batch import Asked, Batch, Crew
+    from fitter.batch_list import Listed
+
+LISTS = (
+    "Text files with a scene file a line, and options of fit behind it; folders, whose every scene.toml is fitted;"
+    " scene files. Paths in a list are relative to it; * and ** match; # begins a comment; - is standard input."
+)
+SCHEDULER = (
+    "Fit by the workers of this Dask scheduler, such as tcp://10.0.0.1:8786. They need the same version of"
+    " fit-material, and the same files under the same paths, results included."
+)
+
+
+@with_parameters_of(chosen, panel="Options of fit, for every scene")
+def batch(
+    lists: Annotated[list[str], typer.Argument(metavar="LIST…", help=LISTS, show_default=False)],
+    out: Annotated[
+        Path,
+        typer.Option(
+            "-o", "--out", metavar="PATH", parser=output_folder, help="Folder for a folder of each result, and summary."
+        ),
+    ],
+    scheduler: Annotated[str | None, typer.Option(metavar="ADDRESS", help=SCHEDULER)] = None,
+    workers: Annotated[
+        int | None,
+        typer.Option(min=1, max=1024, help="Processes of this machine; as many as cores and memory allow if left out."),
+    ] = None,
+    cores: Annotated[
+        int | None,
+        typer.Option(min=1, max=1024, help="Of each worker; its share of the machine, or Dask's threads, if left out."),
+    ] = None,
+    quiet: Quiet = False,
+    **options: Any,
+) -> None:
+    """Fit many scenes, on all cores or a Dask cluster; goes on where it was interrupted.
+
+    What has a result of the same files and options is not fitted again. Exit code 0: every scene has a usable material;
+    1: some have not, which the summary tells; 2: the list or an option is wrong, and nothing was fitted.
+    """
+    from fitter.batch_list import read_lists
+
+    if scheduler is not None and workers is not None:
+        raise InputError("--workers", value=workers, expected="no number beside --scheduler, which has its own")
+    scenes = {name: _asked(listed, options) for name, listed in read_lists(lists).items()}
+    with progress_bar(quiet) as progress:
+        progress("starting", 0)
+        from fitter.batch import Batch, alone_in
+
+        with alone_in(out):
+            found = Batch(scenes, out, shlex.join(["fit-material", *sys.argv[1:]]))
+            told = _run(found, functools.partial(_crew, scheduler, workers, cores), progress)
+    _print(found)
+    if told:
+        print(f"fit-material: {told}", file=sys.stderr, flush=True)
+    raise typer.Exit(DONE if found.summary.all_usable else NO_MATERIAL)
+
+
+def _asked(listed: Listed, options: Mapping[str, Any]) -> Asked:
+    """A line's options take the place of the command's."""
+    from fitter.batch import Asked
+    from fitter.consistent import require_consistent
+
+    try:
+        own = options_said(listed.words, chosen) if listed.words else {}
+        how = chosen(**{**options, **own})
+        require_consistent(how)
+    except InputError as error:
+        if not listed.words:
+            raise
+        told = str(error).removeprefix(": expected ")
+        raise InputError(
+            listed.where, value=shlex.join(listed.words), expected=f"options that fit takes: {told}"
+        ) from None
+    return Asked(listed.scene, how, listed.words)
+
+
+def _run(batch: Batch, crew: Callable[[int], Crew], progress: Progress) -> str:
+    """Fit what is left, and write the summary; a sentence on why scenes are left all the same, or ""."""
+    from fitter.batch_crew import Lost
+
+    try:
+        left = batch.look_up(progress)
+        if left:
+            progress("starting workers", 0)
+            batch.fit(left, crew(len(left)), progress)
+    except Lost as error:
+        batch.tell()
+        return f"{error}; {_done(batch)}"
+    except KeyboardInterrupt:
+        print(f"fit-material: {_done(batch)}", file=sys.stderr, flush=True)
+        batch.tell()
+        raise
+    batch.tell()
+    return ""
+
+
+def _done(batch: Batch) -> str:
+    done = sum(scene.fitted for scene in batch.known.values())
+    return f"{done} of {len(batch.known)} scenes are done and kept; the same command goes on with the others"
+
+
+def _crew(scheduler: str | None, workers: int | None, cores: int | None, scenes: int) -> Crew:
+    """For so many scenes."""
+    from fitter.batch import Crew
+    from fitter.batch_crew import distant_crew, local_crew, usual_workers
+    from renderer import threads
+
+    if scheduler is not None:
+        return Crew(functools.partial(distant_crew, scheduler), cores, f"the workers of {scheduler}")
+    count = workers or usual_workers(scenes, cores or 1)
+    share = cores or max(1, threads.cores() // count)
+    where = f"{count} worker{'s' if count > 1 else ''} of {share} core{'s' if share > 1 else ''}"
+    return Crew(functools.partial(local_crew, count), share, where)
+
+
+def _print(batch: Batch) -> None:
+    from fitter.batch_table import terminal_table
+
+    say(terminal_table(batch.summary, shutil.get_terminal_size().columns if sys.stdout.isatty() else None))
+    say(f"summary: {batch.out / 'summary.html'}")
