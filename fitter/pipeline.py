@@ -10,6 +10,7 @@ from pathlib import Path
 import torch
 
 from fitter import quality
+from fitter.beside import Beside, found_beside
 from fitter.consistent import require_consistent
 from fitter.curves import Curve, reflectance_curve
 from fitter.devices import torch_device
@@ -164,7 +165,14 @@ def _message(loaded: Loaded, planned: PlannedFit, fidelity: Fidelity) -> str:
     told = [part.told for part in parts]
     if len(loaded.materials) > 1:
         told = [f"{part.material.name}: {sentences}" for part, sentences in zip(parts, told, strict=True)]
+    beside = _beside(loaded, parts)
+    told += [] if beside is None else beside.told
     return " ".join([*told, *planned.told, *_remarks(loaded, parts, fidelity)])
+
+
+def _beside(loaded: Loaded, parts: Sequence[FittedPart]) -> Beside | None:
+    names = [each.name for each in loaded.photographs.thumbnails]
+    return found_beside([(part.choice.fit, part.spread) for part in parts], names)
 
 
 def _views(loaded: Loaded, trace: Tracer, parts: Sequence[FittedPart]) -> list[ViewPictures]:
@@ -178,12 +186,15 @@ def _views(loaded: Loaded, trace: Tracer, parts: Sequence[FittedPart]) -> list[V
     def shade(surface: GBuffer) -> torch.Tensor:
         return painted(parts, surface, shown)
 
+    thumbnails = loaded.photographs.thumbnails
+    beside = _beside(loaded, parts)
+    factors = torch.ones(len(thumbnails), 3) if beside is None else beside.factors.float()
     views = []
-    for seen in loaded.photographs.thumbnails:
+    for seen, factor in zip(thumbnails, factors, strict=True):
         footprint = min(parts[0].setting.fidelity.footprint, SHOWN_FOOTPRINT)
         picture = draw(trace, seen.camera, seen.mask, seen.step, footprint, shade)
         exposure = 1.0 if seen.exposure == "fit" else seen.exposure
-        photograph, fit = ((radiance * exposure).numpy() for radiance in (seen.radiance, picture.radiance))
+        photograph, fit = ((shown * exposure).numpy() for shown in (seen.radiance, factor * picture.radiance))
         views.append(ViewPictures(seen.name, photograph, fit, picture.mask.numpy()))
     return views
 
@@ -192,7 +203,9 @@ def _result(loaded: Loaded, planned: PlannedFit, views: Sequence[ViewPictures], 
     parts = planned.parts
     setting, materials = parts[0].setting, tuple(part.material for part in parts)
     fidelity = setting.fidelity
-    exposure = [1.0 if p.exposure == "fit" else p.exposure for p in loaded.photographs.thumbnails]
+    beside = _beside(loaded, parts)
+    fitted = [1.0] * len(loaded.photographs) if beside is None else beside.exposures.tolist()
+    known = [1.0 if each.exposure == "fit" else each.exposure for each in loaded.photographs.thumbnails]
     types = {material.type for material in materials}
     polish = any(part.polish is not None for part in parts)
     return Result(
@@ -200,7 +213,7 @@ def _result(loaded: Loaded, planned: PlannedFit, views: Sequence[ViewPictures], 
         message=_message(loaded, planned, fidelity),
         materials=materials,
         quality=quality.assess(views),
-        exposure=tuple(exposure),
+        exposure=tuple(factor * each for factor, each in zip(fitted, known, strict=True)),
         model=Model(
             fidelity=f"{fidelity.name}, polished by Mitsuba's path tracer" if polish else fidelity.name,
             reflectance=", ".join(fidelity.reflectance_of(kind) for kind in sorted(types, reverse=True)),
@@ -215,4 +228,5 @@ def _result(loaded: Loaded, planned: PlannedFit, views: Sequence[ViewPictures], 
         time=clock.now(),
         inputs=loaded.inputs,
         tolerance=tuple(part.tolerance for part in parts if part.tolerance is not None) or None,
+        nuisances=None if beside is None else beside.records,
     )

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import torch
@@ -15,6 +15,7 @@ from fitter.catalogue import read_catalogue
 from fitter.condensed import Condensed, condensed, solved
 from fitter.fidelity import BLUR_RANGE, MICROFACET_RANGE, Fidelity
 from fitter.noise import even_whitening, local_whitening, neighbours_of, relative_weight, scatter
+from fitter.nuisances import Gains, Nuisances
 from fitter.parameters import Coordinates, GlossyCoordinates, Interval, MatteCoordinates, MetalCoordinates, tint_of
 from fitter.pixel_model import PixelModel, central
 from fitter.residuals import Residuals
@@ -22,7 +23,7 @@ from fitter.result import MaterialType
 from fitter.selection import Observations
 from fitter.setting import Setting
 from fitter.solve import ROUGH, Solution, Solver
-from fitter.starts import STARTS
+from fitter.starts import STARTS, middling
 from fitter.uncertainty import unbiased
 from renderer.transport import LightTable
 from shaders import fresnel
@@ -46,12 +47,14 @@ class Problem:
         setting: the light, and how accurately to compute it.
         solver: least squares.
         progress: told the stage and its share done.
+        nuisances: what is unknown beside the material; None where nothing is.
     """
 
     observed: Observations
     setting: Setting
     solver: Solver
     progress: Progress
+    nuisances: Nuisances | None = field(default=None, kw_only=True)
 
     @property
     def fidelity(self) -> Fidelity:
@@ -117,8 +120,8 @@ class Fit:
 
     @cached_property
     def picture(self) -> Float[Tensor, "p 3"]:
-        """Radiance of the material found, at the observed pixels."""
-        return self.residuals.model.radiance(self.material)
+        """Of the material found, as the photographs would show it at the observed pixels."""
+        return self.residuals.picture(self.x)
 
     @cached_property
     def condensate(self) -> Condensed | None:
@@ -149,12 +152,28 @@ def draft(problem: Problem, kind: MaterialType) -> Fit:
     model, seen = problem.pixels(kind), problem.observed.radiance
     if kind != "matte":
         model = model.under(problem.search_table)
-    weight = relative_weight(seen)
-    start = STARTS[kind](model, seen, weight)
+    gains = _guessed(problem, kind, model)
+    factors = 1.0 if gains is None else gains.factors(gains.nuisances.mean)
+    weight = relative_weight(seen / factors)
+    start = STARTS[kind](model, seen / factors, weight)
     coordinates = _coordinates(start, model, problem.fidelity)
-    residuals = Residuals(model, coordinates, seen, even_whitening(weight, SEARCH_SCATTER))
-    solution = problem.solver(residuals, coordinates.free(start), ROUGH)
+    residuals = Residuals(model, coordinates, seen, even_whitening(weight / factors, SEARCH_SCATTER), gains)
+    beside = seen.new_zeros(0) if gains is None else gains.nuisances.mean
+    solution = problem.solver(residuals, torch.cat([coordinates.free(start), beside]), ROUGH)
     return Fit(residuals, solution, solution.x, solution.seconds)
+
+
+def _guessed(problem: Problem, kind: MaterialType, model: PixelModel) -> Gains | None:
+    """The unknown factors of the pixels, exposures of which nothing is known about those of an object of middling
+    reflectance."""
+    if problem.nuisances is None:
+        return None
+    photograph, seen = problem.observed.place[:, 0], problem.observed.radiance
+    ratio = (seen / model.radiance(middling(kind, model))).clamp_min(torch.finfo(seen.dtype).tiny).log()
+    guess = torch.zeros(problem.nuisances.photographs, 3, dtype=seen.dtype)
+    for each in photograph.unique().tolist():
+        guess[each] = ratio[photograph == each].median()
+    return Gains(problem.nuisances.about(guess), photograph)
 
 
 def refined(problem: Problem, rough: Fit) -> Fit:
@@ -201,21 +220,28 @@ def _next_round(problem: Problem, before: Fit, table: LightTable | None, everywh
     if table is not None:
         coordinates = replace(coordinates, roughness=_interval(table))  # type: ignore[call-arg]
     seen = problem.observed.radiance
-    residuals = Residuals(model, coordinates, seen, _whitening(problem, model.radiance(before.material)))
-    start = coordinates.free(before.material)
+    gains = before.residuals.gains
+    beside = before.x[coordinates.size :]
+    if gains is not None:
+        gains = replace(gains, photograph=problem.observed.place[:, 0])
+    factors = 1.0 if gains is None else gains.factors(beside)
+    whitening = _whitening(problem, model.radiance(before.material), seen / factors)
+    if gains is not None:
+        whitening = whitening / factors[:, None]
+    residuals = Residuals(model, coordinates, seen, whitening, gains)
+    start = torch.cat([coordinates.free(before.material), beside])
     starts = [start, *coordinates.elsewhere(start)] if everywhere else [start]
     solution = solved(residuals, starts, problem.solver)
     x = unbiased(residuals, solution.x)
     return Fit(residuals, solution, x, before.solve_seconds + solution.seconds)
 
 
-def _whitening(problem: Problem, picture: Float[Tensor, "p 3"]) -> Float[Tensor, "p 3 3"]:
-    """What is known of the noise from a picture near the photographs.
+def _whitening(problem: Problem, picture: Float[Tensor, "p 3"], seen: Float[Tensor, "p 3"]) -> Float[Tensor, "p 3 3"]:
+    """What is known of the noise from a picture near the photographs, both as radiance.
 
     Where the lobe is the viewer's, which follows no photograph closely, differences tell of the model and not of
     noise: then all photographs' pixels weigh relatively alike.
     """
-    seen = problem.observed.radiance
     if not problem.fidelity.blurs:
         return local_whitening(picture - seen, picture, problem.neighbours, EXACT)
     weight = relative_weight(seen)

@@ -35,6 +35,7 @@ class Observations:
         self_seeing: share of the candidates that were left out because they mirror the object itself.
         edged: whether most pixels have an edge inside, as facets' are.
         available: how many pixels like these there are, by the share that was fit for use of those looked at.
+        place: photograph, row and column of each; those of one photograph are next to each other.
     """
 
     surface: GBuffer
@@ -42,9 +43,10 @@ class Observations:
     self_seeing: float
     edged: bool
     available: int
+    place: Int[Tensor, "p 3"]
 
     def __getitem__(self, index: slice) -> Observations:
-        return replace(self, surface=self.surface[index], radiance=self.radiance[index])
+        return replace(self, surface=self.surface[index], radiance=self.radiance[index], place=self.place[index])
 
 
 def choose_pixels(
@@ -98,7 +100,7 @@ def choose_pixels(
             place = (scene_file, f"photographs[{i}].camera")
             candidates = _candidates(photograph, trace, place, CANDIDATES * quota * materials, generator)
             found = [
-                _observe(photograph, trace, candidates, index, quota, along_side, index in kept)
+                _observe(photograph, i, trace, candidates, index, quota, along_side, index in kept)
                 for index in range(materials)
             ]
             if not any(found):
@@ -122,6 +124,7 @@ def _joined(parts: list[Observations], count: int) -> Observations | None:
         sum(part.self_seeing for part in parts) / len(parts),
         any(part.edged for part in parts),
         sum(part.available for part in parts),
+        torch.cat([part.place for part in parts])[:count],
     )
 
 
@@ -169,6 +172,7 @@ def _drawn(count: int, most: int, generator: torch.Generator) -> Int[Tensor, " c
 
 def _observe(
     photograph: Photograph,
+    number: int,
     trace: Tracer,
     candidates: _Candidates,
     material: int,
@@ -193,7 +197,8 @@ def _observe(
     radiance = photograph.radiance[row, column].double()
     self_seeing = float(mirrors_itself.double().mean())
     available = round(len(n_dot_v) * float(taken.double().mean()) / own.share)
-    found = Observations(surface[taken][:quota], radiance, self_seeing, edged, available)
+    place = torch.stack([torch.full_like(row, number), row, column], 1)
+    found = Observations(surface[taken][:quota], radiance, self_seeing, edged, available, place)
     return found if len(radiance) else None
 
 

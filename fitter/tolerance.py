@@ -245,7 +245,8 @@ def _interpolation(fit: Fit) -> Float[Tensor, " x"]:
         return torch.zeros_like(fit.x)
     whitening = residuals.robust_whitening(fit.x)
     material = fit.material
-    shift = torch.einsum("prc,pc->pr", whitening, without.radiance(material) - residuals.model.radiance(material))
+    lost = residuals.factors(fit.x) * (without.radiance(material) - residuals.model.radiance(material))
+    shift = torch.einsum("prc,pc->pr", whitening, lost)
     slope = torch.matmul(whitening, residuals.slope(fit.x)).flatten(0, 1)
     prior = jacobian(residuals.prior, fit.x)
     rows, shifts = torch.cat([slope, prior]), torch.cat([shift.flatten(), prior.new_zeros(len(prior))])

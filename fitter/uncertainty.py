@@ -32,6 +32,7 @@ DETERMINED_RELATIVE = {
     "roughness": 0.25,
     "color": 0.05,
     "reflectance": 0.05,
+    "exposure": 0.05,
 }
 DETERMINED_ABSOLUTE = {
     "n": 0.0,
@@ -41,6 +42,7 @@ DETERMINED_ABSOLUTE = {
     "roughness": 0.02,
     "color": 0.02,
     "reflectance": 0.005,
+    "exposure": 0.0,
 }
 
 

@@ -29,12 +29,13 @@ from renderer.lens_spec import LensSpec
 from renderer.mesh import Shape, Sphere, read_mesh
 
 SMALLEST, LARGEST = 1e-12, 1e12  # of factors on radiances, which are of the order of 1 and float32
+FITTED = "fit"  # in the place of a number: it is an unknown; as encoding: the camera's curve, by several exposures
 
 
-def _factor(value: float) -> float:
-    if not SMALLEST <= value <= LARGEST:
-        raise unexpected(f"a number from {SMALLEST:g} to {LARGEST:g}")
-    return value
+def _scale(value: Any) -> float | Literal["fit"]:
+    if value == FITTED or _is_factor(value):
+        return value
+    raise unexpected(f'a number from {SMALLEST:g} to {LARGEST:g}, or "fit"')
 
 
 class GeometrySpec(Checked):
@@ -52,11 +53,11 @@ class GeometrySpec(Checked):
 
 
 class EnvironmentSpec(Checked):
-    """`[environment]`: map file or folder of six faces, degrees about +Y, and a factor on the radiance."""
+    """`[environment]`: map file or folder of six faces, degrees about +Y, and a factor on the radiance, or "fit"."""
 
     map: ExistingPath
     rotation: Annotated[float, Field(ge=-1e6, le=1e6)] = 0.0
-    scale: Annotated[float, AfterValidator(_factor)] = 1.0
+    scale: Annotated[float | Literal["fit"], PlainValidator(_scale)] = 1.0
 
 
 def _nonzero(direction: tuple[float, float, float]) -> tuple[float, float, float]:
@@ -129,9 +130,6 @@ class CameraSpec(Checked):
         return look_at(origin, target, up)
 
 
-FITTED = "fit"  # an encoding: the camera's curve, by several exposures
-
-
 def _known_encoding(encoding: str) -> str:
     if encoding != FITTED and not ENCODING.fullmatch(encoding):
         raise unexpected(ENCODING_HELP)
@@ -154,6 +152,23 @@ def _is_factor(value: Any) -> bool:
     return isinstance(value, int | float) and not isinstance(value, bool) and SMALLEST <= value <= LARGEST
 
 
+WhiteBalance = Literal["fit"] | tuple[float, float, float]
+
+
+def _white_balance(value: Any) -> WhiteBalance:
+    if value == FITTED:
+        return value
+    if isinstance(value, list | tuple) and len(value) == 3 and all(map(_is_factor, value)):
+        return value[0], value[1], value[2]
+    raise unexpected(f'"fit", or factors of red, green and blue from {SMALLEST:g} to {LARGEST:g}')
+
+
+def _fitted(value: Any) -> Literal["fit"]:
+    if value == FITTED:
+        return value
+    raise unexpected('"fit", or nothing: each of the photographs has its own')
+
+
 class PhotographSpec(Checked):
     """`[[photographs]]`: an image with its camera, and how its pixels became numbers.
 
@@ -166,6 +181,7 @@ class PhotographSpec(Checked):
     mask: ExistingFile | None = None
     encoding: Annotated[str, AfterValidator(_known_encoding)] | None = None
     exposure: Annotated[Exposure, PlainValidator(_exposure)] = 1.0
+    white_balance: Annotated[WhiteBalance, PlainValidator(_white_balance)] = (1.0, 1.0, 1.0)
     camera: CameraSpec
 
     @model_validator(mode="before")
@@ -205,14 +221,37 @@ class MaterialSpec(Checked):
 
 
 class Scene(Checked):
-    """A whole scene file. Every path is joined to the file's folder, and every photograph has its camera."""
+    """A whole scene file. Every path is joined to the file's folder, and every photograph has its camera.
+
+    `exposure` and `white_balance` are "fit" where one factor on all photographs is to be fitted, beside their own.
+    """
 
     cameras: ExistingPath | None = None
+    exposure: Annotated[Literal["fit"] | None, PlainValidator(_fitted)] = None
+    white_balance: Annotated[Literal["fit"] | None, PlainValidator(_fitted)] = None
     geometry: GeometrySpec
     environment: EnvironmentSpec
     lights: Annotated[tuple[LightSpec, ...], Strict(False)] = ()
     photographs: Annotated[tuple[PhotographSpec, ...], Strict(False), Field(min_length=1)]
     materials: Annotated[tuple[MaterialSpec, ...], Strict(False)] = ()
+
+    @model_validator(mode="after")
+    def _one_unknown_factor(self) -> Scene:
+        for key in ("exposure", "white_balance"):
+            if getattr(self, key) == FITTED and all(getattr(each, key) == FITTED for each in self.photographs):
+                raise unexpected("it here or in each of the photographs, not both", key=key, value=FITTED)
+        if self.environment.scale != FITTED:
+            return self
+        if self.exposure == FITTED or all(each.exposure == FITTED for each in self.photographs):
+            raise unexpected(
+                "a number: exposures are fitted, and double one for half the other",
+                key="environment.scale",
+                value=FITTED,
+            )
+        if self.lights:
+            expected = 'a number, and exposure = "fit" at the top: the [[lights]] would stay as they are'
+            raise unexpected(expected, key="environment.scale", value=FITTED)
+        return self
 
 
 def read_scene(path: str | Path) -> Scene:

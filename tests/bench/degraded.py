@@ -23,9 +23,16 @@ SNAPSHOTS = (
     Snapshot("exposure fitted, surroundings seen", exposure="fit", uneven=1.2, background=True),
     Snapshot("exposure fitted, nothing behind", exposure="fit", uneven=1.2),
     Snapshot("one exposure for all fitted, nothing behind", exposure="common"),
-    Snapshot("white balance off and fitted, surroundings seen", gains=(1.4, 1, 0.7), white_balance="fit", background=True),
+    Snapshot(
+        "white balance off and fitted, surroundings seen", gains=(1.4, 1, 0.7), white_balance="fit", background=True
+    ),
     Snapshot("white balance off and fitted, nothing behind", gains=(1.4, 1, 0.7), white_balance="fit"),
-    Snapshot("white balance off, one for all fitted, surroundings seen", gains=(1.4, 1, 0.7), white_balance="common", background=True),
+    Snapshot(
+        "white balance off, one for all fitted, surroundings seen",
+        gains=(1.4, 1, 0.7),
+        white_balance="common",
+        background=True,
+    ),
 )
 KEYS = ("color", "f0", "alpha")
 GOALS = {SNAPSHOTS[0].title: "F0 0.02, alpha 5 %", SNAPSHOTS[1].title: "F0 0.01"}
@@ -68,7 +75,9 @@ class Outcome:
         return None if told is None else bool(np.all(told))
 
 
-def rows(variant: str, how: How, repeats: int = 1, only: Sequence[str] = (), kinds: Sequence[str] = KINDS) -> Iterator[str]:
+def rows(
+    variant: str, how: How, repeats: int = 1, only: Sequence[str] = (), kinds: Sequence[str] = KINDS
+) -> Iterator[str]:
     """Lines of a Markdown table, one for each way of taking photographs and each material."""
     yield f"Sphere in studio_small_03, three views of 128², 1024 samples a pixel, {repeats} draws of noise; {how}."
     yield "Errors: the largest channel's, of alpha relative, the worst draw's; then what was said to be determined."

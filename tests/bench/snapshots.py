@@ -129,4 +129,3 @@ def _table(
         f'[[photographs]]\n{image}\nmask = "mask_{index}.png"\nexposure = {said}\n{balance}'
         f"[photographs.camera]\n{numbers}\n"
     )
-
