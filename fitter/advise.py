@@ -91,9 +91,7 @@ def _fidelity_of(result: Result, file: Path) -> Fidelity:
 def _require_nothing_beside(scene: Scene, scene_file: Path) -> None:
     """What a further view would tell of exposures is not known."""
     if unknowns_of(scene):
-        expected = (
-            "numbers for exposures, white balances and scale: put those that a fit found in the place of its words"
-        )
+        expected = "numbers for exposures, white balances and scale: those that a fit has found"
         raise InputError(scene_file, value=FITTED, expected=expected)
 
 

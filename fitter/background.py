@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import torch
@@ -23,7 +24,7 @@ LOOKED_AT = 20000  # pixels of a photograph, about
 MARGIN = 3  # pixels from the silhouette, or `NEAR` of the photograph's width: what is nearer may be the object
 NEAR = 0.01
 TILES = 16  # along the longer side: neighbours err together, as a map's texels and its far trees do
-TILE_PIXELS, FEWEST_TILES = 20, 6
+SMALLEST_TILE, TILE_PIXELS, FEWEST_TILES = 6, 20, 6  # pixels along a side, pixels looked at, tiles with as many
 POSITIVE = 0.9  # share of pixels that hold light; of a cut-out's none does
 ALIKE = 0.5  # of the scatter of the map's own tiles that may be left where a photograph is divided by it …
 EVEN = 0.1  # … or this much of a logarithm, where the map is even
@@ -77,7 +78,7 @@ def seen_behind(spec: PhotographSpec, trace: Tracer, light: LatLong) -> Behind |
     expected = _radiance(pixels, camera, light)
     lit = (shown > 0).all(-1) & (expected > 0).all(-1)
     logs = torch.stack([shown[lit].log() - expected[lit].log(), expected[lit].log()], 1)
-    side = -(-max(height, width) // TILES)
+    side = max(-(-max(height, width) // TILES), SMALLEST_TILE * _step(seen.clipped.shape))
     tiles = _tile_medians(logs, (pixels[lit] // side) @ torch.tensor([TILES + 1, 1]))
     if len(tiles) < FEWEST_TILES:
         return None
@@ -88,10 +89,15 @@ def seen_behind(spec: PhotographSpec, trace: Tracer, light: LatLong) -> Behind |
     return Behind(middle[0], (math.sqrt(math.pi / 2 / len(tiles)) * left).clamp_min(LEAST_ERROR))
 
 
+def _step(size: Sequence[int]) -> int:
+    """Distance between the pixels that are looked at."""
+    return max(1, round(math.sqrt(math.prod(size) / LOOKED_AT)))
+
+
 def _pixels(seen: Exposed) -> Int[Tensor, "p 2"]:
     """Rows and columns of pixels that may show surroundings, evenly spread."""
     usable = seen.finite & ~seen.clipped
-    step = max(1, round(math.sqrt(usable.numel() / LOOKED_AT)))
+    step = _step(usable.shape)
     return usable[::step, ::step].nonzero() * step
 
 

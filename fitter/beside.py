@@ -1,4 +1,4 @@
-"""What was found beside the material: exposures, white balances and the environment's scale, and how far to believe it."""
+"""What was found beside the material: exposures, white balances, the environment's scale, with their errors."""
 
 from __future__ import annotations
 
@@ -9,13 +9,19 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from fitter.nuisances import Nuisances
+from fitter.nuisances import Nuisances, Unknown
 from fitter.profile import intervals
 from fitter.result import CHANNELS, Nuisance
 from fitter.search import Fit
+from fitter.setting import Setting
 from fitter.uncertainty import TWO_SIDED_95, Spread, is_determined
 
-WORDS = {"exposure": "exposure", "white_balance": "white balance", "scale": "scale of the environment"}
+WORDS = {
+    "exposure": "exposure",
+    "white_balance": "white balance",
+    "scale": "scale of the environment",
+    "rotation": "rotation of the environment",
+}
 
 
 @dataclass(frozen=True)
@@ -83,7 +89,8 @@ def guessed(fit: Fit, spread: Spread) -> tuple[str, ...]:
     if gains is None:
         return ()
     names = ("",) * gains.nuisances.photographs
-    found = (_record(fit, spread, index, names) for index in range(len(gains.nuisances.unknowns)))
+    factors = [index for index, each in enumerate(gains.nuisances.unknowns) if each.key != "rotation"]
+    found = (_record(fit, spread, index, names) for index in factors)
     return tuple(dict.fromkeys(WORDS[each.name] for each in found if not each.determined))
 
 
@@ -101,8 +108,12 @@ def _record(fit: Fit, spread: Spread, index: int, names: Sequence[str]) -> Nuisa
     gains = fit.residuals.gains
     assert gains is not None
     nuisances, unknown = gains.nuisances, gains.nuisances.unknowns[index]
-    low, high = (float(end) for end in intervals(fit, spread, lambda x: _beside(fit, x)[index : index + 1].exp()))
-    value = float(_beside(fit, fit.x)[index].exp())
+
+    def quantity(x: Tensor) -> Tensor:
+        return unknown.value(_beside(fit, x)[index : index + 1])
+
+    low, high = (float(end) for end in intervals(fit, spread, quantity))
+    value = float(quantity(fit.x))
     width = float(torch.linalg.inv(nuisances.root.T @ nuisances.root).diagonal()[index].sqrt())
     before = nuisances.mean[index] + TWO_SIDED_95 * width * torch.tensor([-1.0, 1.0], dtype=torch.float64)
     low, high = min(low, value), max(high, value)
@@ -111,12 +122,22 @@ def _record(fit: Fit, spread: Spread, index: int, names: Sequence[str]) -> Nuisa
         photograph=None if unknown.photograph is None else names[unknown.photograph],
         channel=None if unknown.channel is None else CHANNELS[unknown.channel],
         value=value,
-        stderr=value * _error(fit, spread, index),
+        stderr=_error(fit, spread, index) * (1 if unknown.key == "rotation" else value),
         interval95=(low, high),
-        determined=fit.solution.status == "converged" and is_determined("exposure", value, (low, high)),
-        before95=tuple(before.exp().tolist()),
+        determined=fit.solution.status == "converged" and is_determined(_rule(unknown), value, (low, high)),
+        before95=tuple(unknown.value(before).tolist()),
         by_surroundings=bool(nuisances.told[index]),
     )
+
+
+def _rule(unknown: Unknown) -> str:
+    return "rotation" if unknown.key == "rotation" else "exposure"
+
+
+def turned(setting: Setting, fit: Fit) -> Setting:
+    """The light with the environment as a fit has it turned, where that was unknown."""
+    gains = fit.residuals.gains
+    return setting if gains is None or gains.nuisances.turn is None else setting.turned(float(fit.x[-1]))
 
 
 def _listed(records: Sequence[Nuisance]) -> str:
@@ -130,7 +151,11 @@ def _listed(records: Sequence[Nuisance]) -> str:
 def _words(record: Nuisance) -> str:
     which = f" of {record.photograph}" if record.photograph else ""
     channel = f", {record.channel}," if record.channel else ""
+    if not record.determined:
+        return f"{WORDS[record.name]}{which}{channel} in {record.interval95[0]:.3g}…{record.interval95[1]:.3g}"
     value = f"{record.value:.4g} ± {100 * record.stderr / record.value:.2g} %"
+    if record.name == "rotation":
+        value = f"{record.value:.2f} ± {record.stderr:.2g} degrees"
     return f"{WORDS[record.name]}{which}{channel} {value}" + (
         " (seen behind the object)" if record.by_surroundings else ""
     )

@@ -12,7 +12,7 @@ from renderer.colmap import model_files
 from renderer.environment import Environment, read_environment
 from renderer.errors import InputError
 from renderer.mesh import Mesh, Shape
-from renderer.scene import FITTED, PhotographSpec, Scene, read_scene, read_shape
+from renderer.scene import PhotographSpec, Scene, read_scene, read_shape
 
 
 @dataclass(frozen=True)
@@ -57,8 +57,7 @@ def load(scene_file: Path) -> Loaded:
     shape = read_shape(scene.geometry)
     names = _material_names(scene, shape, scene_file)
     light = scene.environment
-    scale = 1.0 if light.scale == FITTED else light.scale
-    environment = read_environment(light.map, rotation=light.rotation, scale=scale)
+    environment = read_environment(light.map, *light.start)
     stem = scene.geometry.mesh.stem if scene.geometry.mesh else str(scene.geometry.shape)
     photographs = Album.of_scene(scene.photographs, scene_file)
     files = _hashed(_beside_photographs(scene, scene_file))

@@ -2,9 +2,10 @@
 
     pixel = exposure · white balance · radiance
 
-Each unknown is the logarithm of a factor. Before any pixel of the object is looked at, it has a normal distribution,
-so that the factor's is log-normal: wide about 1, or about a guess, or as narrow as the surroundings behind the object
-tell. It is fitted beside the material's own numbers, whose errors thereby count that it is not known.
+Each unknown is the logarithm of a factor, but for the environment's rotation, which is in degrees. Before any pixel of
+the object is looked at, it has a normal distribution, so that the factor's is log-normal: wide about 1, or about a
+guess, or as narrow as the surroundings behind the object tell. It is fitted beside the material's own numbers, whose
+errors thereby count that it is not known.
 """
 
 from __future__ import annotations
@@ -18,40 +19,66 @@ import torch
 from jaxtyping import Bool, Float, Int
 from torch import Tensor
 
-from renderer.scene import FITTED, Scene
+from renderer.scene import FITTED, Scene, turn_of
 
 EXPOSURE_WIDTH = 1.5  # standard deviation of a logarithm: with 95 % within a factor of 19 of the guess
 WHITE_BALANCE_WIDTH = 0.3  # of red and blue against green: with 95 % within a factor of 1.8, daylight against a lamp's
+ROTATION_WIDTH = 3.0  # degrees: with 95 % within six
+SCANNED = (-6.0, -3.0, 0.0, 3.0, 6.0)  # degrees at which a fit looks for it first
+STEPS = (1.5, 0.5)  # degrees between the turns of the environment whose pictures are interpolated, at first and at last
+ALIKE = 0.9  # of the prior's variance that photographs share: one camera took them
 TOLD = 0.1  # standard deviation below which a factor is no guess any more
 
-Key = Literal["exposure", "white_balance", "scale"]
+Key = Literal["exposure", "white_balance", "scale", "rotation"]
 
 
 @dataclass(frozen=True)
 class Unknown:
-    """The logarithm of a factor.
+    """The logarithm of a factor; or degrees about +Y between the environment and what the scene file says of it.
 
     Attributes:
         key: where the scene file asks for it to be fitted.
         photograph: index; None of one that all photographs share.
         channel: 0 red, 2 blue, for a white balance, which is against green; None for all channels.
+        start: of a rotation, what the scene file says, in degrees.
     """
 
     key: Key
     photograph: int | None = None
     channel: int | None = None
+    start: float = 0.0
+
+    def value(self, z: Float[Tensor, "*q"]) -> Float[Tensor, "*q"]:
+        """The factor; or the rotation in degrees."""
+        return self.start + z if self.key == "rotation" else z.exp()
+
+    def is_like(self, other: Unknown) -> bool:
+        """Whether both are the same of two photographs."""
+        each = self.photograph is not None and other.photograph is not None
+        return each and (self.key, self.channel) == (other.key, other.channel)
 
     @property
     def width(self) -> float:
         """Of the prior."""
+        if self.key == "rotation":
+            return ROTATION_WIDTH
         return EXPOSURE_WIDTH if self.channel is None else WHITE_BALANCE_WIDTH
 
     def counts(self, photographs: int) -> Float[Tensor, "v 3"]:
         """1 in the photographs and channels that it is a factor of, else 0."""
         found = torch.zeros(photographs, 3, dtype=torch.float64)
+        if self.key == "rotation":
+            return found
         rows = slice(None) if self.photograph is None else self.photograph
         found[rows, slice(None) if self.channel is None else self.channel] = 1
         return found
+
+
+class Turn(NamedTuple):
+    """Between which turns of the environment pictures are interpolated, in degrees."""
+
+    centre: float
+    step: float
 
 
 @dataclass(frozen=True)
@@ -64,6 +91,7 @@ class Nuisances:
         mean: of the prior.
         root: R; |R (z - mean)|² is the prior's sum of squares.
         told: whether the surroundings behind the object tell it.
+        turn: about which rotation the environment's is fitted; None where it is not.
     """
 
     unknowns: tuple[Unknown, ...]
@@ -71,13 +99,39 @@ class Nuisances:
     mean: Float[Tensor, " z"]
     root: Float[Tensor, "z z"]
     told: Bool[Tensor, " z"]
+    turn: Turn | None = None
 
     @staticmethod
     def before(unknowns: Sequence[Unknown], photographs: int) -> Nuisances:
-        """Nothing but wide priors about 1."""
+        """Nothing but wide priors about 1, of which what is alike of several photographs is mostly one error."""
         width = torch.tensor([each.width for each in unknowns], dtype=torch.float64)
         known = torch.zeros(len(unknowns), dtype=torch.bool)
-        return Nuisances(tuple(unknowns), photographs, torch.zeros_like(width), (1 / width).diag(), known)
+        like = [[ALIKE * each.is_like(other) for other in unknowns] for each in unknowns]
+        shared = width[:, None] * torch.tensor(like, dtype=torch.float64).fill_diagonal_(1.0) * width
+        root = torch.linalg.cholesky(torch.linalg.inv(shared)).T
+        turns = any(each.key == "rotation" for each in unknowns)
+        turn = Turn(0.0, STEPS[0]) if turns else None
+        return Nuisances(tuple(unknowns), photographs, torch.zeros_like(width), root, known, turn)
+
+    def without_turn(self) -> Nuisances | None:
+        """The same without the environment's rotation, which is the last; None where nothing else is unknown."""
+        if self.turn is None:
+            return self
+        mean, root, told = self.mean[:-1], self.root[:-1, :-1], self.told[:-1]
+        rest = self.unknowns[:-1]
+        return replace(self, unknowns=rest, mean=mean, root=root, told=told, turn=None) if rest else None
+
+    @property
+    def start(self) -> Float[Tensor, " z"]:
+        """Where a fit begins."""
+        if self.turn is None:
+            return self.mean
+        return torch.cat([self.mean[:-1], self.mean.new_tensor([self.turn.centre])])
+
+    def steps(self, z: Float[Tensor, " z"]) -> Float[Tensor, ""]:
+        """How far the environment is turned from the middle of `turn`, in its steps."""
+        assert self.turn is not None
+        return (z[-1] - self.turn.centre) / self.turn.step
 
     @cached_property
     def counts(self) -> Float[Tensor, "z v 3"]:
@@ -111,8 +165,8 @@ class Nuisances:
 
     def about(self, ratio: Float[Tensor, "v 3"]) -> Nuisances:
         """The same with exposures that nothing tells about the log factors of a guess."""
-        guess = torch.stack([(each * ratio).sum() / each.sum() for each in self.counts])
-        vague = ~self.told & torch.tensor([each.channel is None for each in self.unknowns])
+        guess = torch.stack([(each * ratio).sum() / each.sum().clamp_min(1) for each in self.counts])
+        vague = ~self.told & torch.tensor([each.key in ("exposure", "scale") for each in self.unknowns])
         return replace(self, mean=torch.where(vague, guess, self.mean))
 
 
@@ -162,4 +216,7 @@ def unknowns_of(scene: Scene) -> tuple[Unknown, ...]:
             found.append(Unknown("exposure", index))
         if each.white_balance == FITTED:
             found += [Unknown("white_balance", index, channel) for channel in (0, 2)]
+    degrees, is_fitted = turn_of(scene.environment.rotation)
+    if is_fitted:
+        found.append(Unknown("rotation", start=degrees))
     return tuple(found)

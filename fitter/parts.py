@@ -12,7 +12,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from fitter.background import nuisances_of
-from fitter.beside import guessed
+from fitter.beside import guessed, turned
 from fitter.choice import Choice, fit_type
 from fitter.fidelity import Fidelity
 from fitter.fit_options import FitOptions
@@ -161,7 +161,7 @@ def polished_parts(
         unhindered = replace(part.setting, occluder=None)  # what the object hides, the paths know
         few = part.observed[:: -(-len(part.observed.radiance) // MOST_TRACED)]
         gains = part.choice.fit.residuals.gains
-        nuisances = None if gains is None else gains.nuisances
+        nuisances = None if gains is None else gains.nuisances.without_turn()
         problem = Problem(few, unhindered, SOLVERS[options.solver], label, nuisances=nuisances)
         polish = polished(problem, part.choice.fit, polish_scene(loaded, part.setting, found, part.index))
         choice = replace(part.choice, fit=polish.fit)
@@ -193,6 +193,7 @@ def _labelled(progress: Progress, name: str, count: int) -> Progress:
 
 def _part(index: int, name: str, observed: Observations, choice: Choice, setting: Setting, prior: Prior) -> FittedPart:
     fit = choice.fit
+    setting = turned(setting, fit)
     uncertainty = spread(fit.residuals, fit.x)
     coordinates = fit.residuals.coordinates
     nearest = nearest_metals(fit.x, coordinates, uncertainty) if isinstance(coordinates, MetalCoordinates) else ()

@@ -19,6 +19,7 @@ from fitter.fidelity import Fidelity
 from fitter.fit_options import FitOptions
 from fitter.loading import Loaded, load
 from fitter.mtl import ordinary_mtl, thesis_mtl
+from fitter.outliers import OutlierMap, outlier_maps, told
 from fitter.parts import FittedPart, Progress, painted
 from fitter.planned_fit import PlannedFit, fit_planned
 from fitter.polish import require_polishable
@@ -81,9 +82,11 @@ def fit_scene(
         clock = _Clock(began, read, time.perf_counter(), loaded.photographs.seconds, solving)
         progress("writing the report", 0)
         views = _views(loaded, trace, parts)
-        result = _result(loaded, planned, views, clock)
+        outliers = outlier_maps(parts, loaded.photographs.thumbnails, views)
+        result = _result(loaded, planned, views, outliers, clock)
         alone = strips(planned, loaded.photographs.thumbnails[0], trace)
-        page = render_report(result, views, [_curve(part) for part in parts], alone, command=options.command)
+        curves = [_curve(part) for part in parts]
+        page = render_report(result, views, curves, alone, outliers, command=options.command)
         write_text_atomically(folder / "report.html", page)
         write_bytes_atomically(folder / "comparison.png", comparison_png(views))
         write_text_atomically(folder / f"{loaded.name}.thesis.mtl", thesis_mtl(result.materials))
@@ -199,7 +202,13 @@ def _views(loaded: Loaded, trace: Tracer, parts: Sequence[FittedPart]) -> list[V
     return views
 
 
-def _result(loaded: Loaded, planned: PlannedFit, views: Sequence[ViewPictures], clock: _Clock) -> Result:
+def _result(
+    loaded: Loaded,
+    planned: PlannedFit,
+    views: Sequence[ViewPictures],
+    outliers: Sequence[OutlierMap],
+    clock: _Clock,
+) -> Result:
     parts = planned.parts
     setting, materials = parts[0].setting, tuple(part.material for part in parts)
     fidelity = setting.fidelity
@@ -210,7 +219,7 @@ def _result(loaded: Loaded, planned: PlannedFit, views: Sequence[ViewPictures], 
     polish = any(part.polish is not None for part in parts)
     return Result(
         status=status_of([part.choice for part in parts], materials),
-        message=_message(loaded, planned, fidelity),
+        message=" ".join([_message(loaded, planned, fidelity), *told(outliers)]),
         materials=materials,
         quality=quality.assess(views),
         exposure=tuple(factor * each for factor, each in zip(fitted, known, strict=True)),

@@ -13,6 +13,7 @@ from fitter.derivative import jacobian
 from fitter.nuisances import Block, Gains
 from fitter.parameters import Coordinates
 from fitter.pixel_model import MixedPixels, PixelModel
+from fitter.turning import TurnedPixels
 
 ROBUST_AT = (
     6.0  # standard deviations: a path tracer's noise is skewed, and a nearer threshold would favour its low side
@@ -46,8 +47,15 @@ class Residuals:
 
     def picture(self, x: Float[Tensor, " x"]) -> Float[Tensor, "p 3"]:
         """The model's, as the photographs would show it."""
-        radiance = self.model.radiance(self.coordinates.material(x))
+        radiance = self.model_at(x).radiance(self.coordinates.material(x))
         return radiance if self.gains is None else self.gains.factors(self._beside(x)) * radiance
+
+    def model_at(self, x: Float[Tensor, " x"]) -> PixelModel:
+        """The model in the environment as it is turned there."""
+        if not isinstance(self.model, TurnedPixels):
+            return self.model
+        assert self.gains is not None
+        return self.model.at(self.gains.nuisances.steps(self._beside(x)))
 
     def factors(self, x: Float[Tensor, " x"]) -> Float[Tensor, "p 3"] | float:
         """Pixel over radiance."""
@@ -67,7 +75,8 @@ class Residuals:
 
     def mixes(self, x: Float[Tensor, " x"]) -> bool:
         """Whether the picture is what the model has `mixed` by `mixing` and nothing else."""
-        return isinstance(self.model, MixedPixels) and self.model.mixing(self.coordinates.material(x)) is not None
+        model = self.model_at(x)
+        return isinstance(model, MixedPixels) and model.mixing(self.coordinates.material(x)) is not None
 
     @property
     def blocks(self) -> tuple[Block, ...]:
@@ -76,8 +85,9 @@ class Residuals:
 
     def mixing(self, x: Float[Tensor, " x"]) -> Float[Tensor, "b q 3"]:
         """How much each number of what is mixed counts, in each of the blocks."""
-        assert isinstance(self.model, MixedPixels)
-        found = self.model.mixing(self.coordinates.material(x))
+        model = self.model_at(x)
+        assert isinstance(model, MixedPixels)
+        found = model.mixing(self.coordinates.material(x))
         assert found is not None
         if self.gains is None:
             return found[None]

@@ -241,21 +241,21 @@ class Tolerance(Record):
 
 
 class Nuisance(Record):
-    """A factor between radiance and photographs that was fitted beside the material.
+    """A factor between radiance and photographs, or the environment's rotation, that was fitted beside the material.
 
     Attributes:
         name: the key of the scene file.
         photograph: its name; None of a factor of all photographs.
         channel: "red" or "blue" of a white balance, whose green is 1.
         value, stderr, interval95, determined: as of a material's numbers.
-        before95: where 95 % of its prior lie, which is log-normal.
+        before95: where 95 % of its prior lie, which is log-normal, and normal for the rotation.
         by_surroundings: whether what is seen behind the object told it before the object was looked at.
     """
 
-    name: Literal["exposure", "white_balance", "scale"]
+    name: Literal["exposure", "white_balance", "scale", "rotation"]
     photograph: str | None
     channel: Literal["red", "green", "blue"] | None
-    value: NonNegative
+    value: float
     stderr: NonNegative
     interval95: Interval
     determined: bool

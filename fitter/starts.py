@@ -56,7 +56,7 @@ def matte(model: PixelModel, photograph: Float[Tensor, "p 3"], weight: Float[Ten
 
 
 def middling(kind: str, model: PixelModel) -> Material:
-    """A material that reflects about half of the light, as many do; of what roughness, its pixels' median does not ask."""
+    """A material that reflects about half of the light; of what roughness, the median over pixels hardly asks."""
     half = torch.full((3,), 0.5).double()
     if kind == "matte":
         return Matte(half, torch.ones(3).double())

@@ -33,6 +33,7 @@ DETERMINED_RELATIVE = {
     "color": 0.05,
     "reflectance": 0.05,
     "exposure": 0.05,
+    "rotation": 0.0,
 }
 DETERMINED_ABSOLUTE = {
     "n": 0.0,
@@ -43,6 +44,7 @@ DETERMINED_ABSOLUTE = {
     "color": 0.02,
     "reflectance": 0.005,
     "exposure": 0.0,
+    "rotation": 1.0,
 }
 
 

@@ -29,6 +29,7 @@ from renderer.lens_spec import LensSpec
 from renderer.mesh import Shape, Sphere, read_mesh
 
 SMALLEST, LARGEST = 1e-12, 1e12  # of factors on radiances, which are of the order of 1 and float32
+MOST_DEGREES = 1e6
 FITTED = "fit"  # in the place of a number: it is an unknown; as encoding: the camera's curve, by several exposures
 
 
@@ -36,6 +37,21 @@ def _scale(value: Any) -> float | Literal["fit"]:
     if value == FITTED or _is_factor(value):
         return value
     raise unexpected(f'a number from {SMALLEST:g} to {LARGEST:g}, or "fit"')
+
+
+def _rotation(value: Any) -> float | str:
+    if _is_number(value) and abs(value) <= MOST_DEGREES:
+        return value
+    if isinstance(value, str) and re.fullmatch(r"fit(?::-?\d{1,6}(?:\.\d+)?)?", value):
+        return value
+    raise unexpected(f'a number of degrees up to {MOST_DEGREES:g}, or "fit", or "fit:90" to fit it near 90')
+
+
+def turn_of(rotation: float | str) -> tuple[float, bool]:
+    """Degrees at which a rotation stands or is looked for, and whether it is to be fitted."""
+    if not isinstance(rotation, str):
+        return rotation, False
+    return float(rotation.partition(":")[2] or 0), True
 
 
 class GeometrySpec(Checked):
@@ -53,11 +69,19 @@ class GeometrySpec(Checked):
 
 
 class EnvironmentSpec(Checked):
-    """`[environment]`: map file or folder of six faces, degrees about +Y, and a factor on the radiance, or "fit"."""
+    """`[environment]`: map file or folder of six faces, degrees about +Y, and a factor on the radiance.
+
+    Either may be "fit"; "fit:90" seeks the rotation near 90 degrees.
+    """
 
     map: ExistingPath
-    rotation: Annotated[float, Field(ge=-1e6, le=1e6)] = 0.0
+    rotation: Annotated[float | str, PlainValidator(_rotation)] = 0.0
     scale: Annotated[float | Literal["fit"], PlainValidator(_scale)] = 1.0
+
+    @property
+    def start(self) -> tuple[float, float]:
+        """Rotation and scale, or where the fit of one that is not known begins."""
+        return turn_of(self.rotation)[0], 1.0 if self.scale == FITTED else self.scale
 
 
 def _nonzero(direction: tuple[float, float, float]) -> tuple[float, float, float]:
@@ -148,8 +172,12 @@ def _exposure(value: Any) -> Exposure:
     raise unexpected(f'a number from {SMALLEST:g} to {LARGEST:g}, or "fit", or "exif", or a list beside images')
 
 
+def _is_number(value: Any) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool)
+
+
 def _is_factor(value: Any) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool) and SMALLEST <= value <= LARGEST
+    return _is_number(value) and SMALLEST <= value <= LARGEST
 
 
 WhiteBalance = Literal["fit"] | tuple[float, float, float]
@@ -244,7 +272,7 @@ class Scene(Checked):
             return self
         if self.exposure == FITTED or all(each.exposure == FITTED for each in self.photographs):
             raise unexpected(
-                "a number: exposures are fitted, and double one for half the other",
+                "a number: exposures are fitted, and twice the one is half the other",
                 key="environment.scale",
                 value=FITTED,
             )

@@ -112,7 +112,10 @@ SLIPS = {
     ("mesh =", "mehs ="): r'geometry\.mehs: is "ball\.obj", expected a known key, the nearest is mesh',
     ("fov =", "fow ="): r"photographs\[0\]\.camera\.fow: is 35\.0, expected a known key, the nearest is fov",
     ("[[lights]]", "[[light]]"): r"light: is .*, expected a known key, the nearest is lights",
-    ("[geometry]", "zzz = 1\n[geometry]"): "zzz: is 1, expected one of the keys cameras, geometry, environment",
+    (
+        "[geometry]",
+        "zzz = 1\n[geometry]",
+    ): "zzz: is 1, expected one of the keys cameras, exposure, white_balance, geometry",
     ("smooth = true", 'smooth = "yes"'): r'geometry\.smooth: is "yes", expected true or false',
     ("rotation = 0.0", 'rotation = "90"'): r'environment\.rotation: is "90", expected a number',
     ("rotation = 0.0", "rotation = nan"): r"environment\.rotation: is nan, expected a finite number",

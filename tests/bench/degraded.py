@@ -16,23 +16,17 @@ from tests.bench.snapshots import Snapshot, taken
 from tests.bench.types import scene_of
 
 KINDS = ("gold", "red plastic", "clay")
+OFF = (1.4, 1.0, 0.7)  # red, green and blue of another white
 SNAPSHOTS = (
     Snapshot("8-bit sRGB, 2 % clipped, shot noise 1 %"),
     Snapshot("three exposures merged", stops=(1 / 4, 1.0, 4.0)),
     Snapshot("JPEG quality 85", jpeg=True),
-    Snapshot("exposure fitted, surroundings seen", exposure="fit", uneven=1.2, background=True),
-    Snapshot("exposure fitted, nothing behind", exposure="fit", uneven=1.2),
+    Snapshot("exposures fitted, surroundings seen", exposure="fit", uneven=1.2, background=True),
+    Snapshot("exposures fitted, nothing behind", exposure="fit", uneven=1.2),
     Snapshot("one exposure for all fitted, nothing behind", exposure="common"),
-    Snapshot(
-        "white balance off and fitted, surroundings seen", gains=(1.4, 1, 0.7), white_balance="fit", background=True
-    ),
-    Snapshot("white balance off and fitted, nothing behind", gains=(1.4, 1, 0.7), white_balance="fit"),
-    Snapshot(
-        "white balance off, one for all fitted, surroundings seen",
-        gains=(1.4, 1, 0.7),
-        white_balance="common",
-        background=True,
-    ),
+    Snapshot("white off, fitted, surroundings seen", gains=OFF, white_balance="fit", background=True),
+    Snapshot("white off, fitted, nothing behind", gains=OFF, white_balance="fit"),
+    Snapshot("white off, one for all fitted, nothing behind", gains=OFF, white_balance="common"),
 )
 KEYS = ("color", "f0", "alpha")
 GOALS = {SNAPSHOTS[0].title: "F0 0.02, alpha 5 %", SNAPSHOTS[1].title: "F0 0.01"}
