@@ -24,8 +24,9 @@ from fitter.summary import status_of
 from fitter.viewpoints import viewpoints
 from renderer import gbuffer
 from renderer.errors import InputError
-from renderer.scene import FITTED, Scene
+from renderer.scene import Scene
 from renderer.threads import one_thread_per_operation
+from renderer.unknown import FITTED
 
 EXACT = tuple(name for name, fidelity in PRESETS.items() if not fidelity.blurs)
 WHY_EXACT = "the viewer's model sees F0 alone, and follows no photograph closely enough to say where to take another"

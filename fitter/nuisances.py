@@ -19,7 +19,8 @@ import torch
 from jaxtyping import Bool, Float, Int
 from torch import Tensor
 
-from renderer.scene import FITTED, Scene, turn_of
+from renderer.scene import Scene
+from renderer.unknown import FITTED, turn_of
 
 EXPOSURE_WIDTH = 1.5  # standard deviation of a logarithm: with 95 % within a factor of 19 of the guess
 WHITE_BALANCE_WIDTH = 0.3  # of red and blue against green: with 95 % within a factor of 1.8, daylight against a lamp's

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import torch
-from jaxtyping import Float
+from jaxtyping import Float, Int
 from torch import Tensor
 
 from fitter.derivative import jacobian
@@ -31,6 +31,7 @@ class Residuals:
         whitening: W of each pixel's noise; see `fitter.noise`.
         gains: factors on the picture that are fitted, too, their free numbers behind the material's; None where the
             photograph is the radiance.
+        clusters: a number for each pixel, the same for those whose errors go together; None where all are independent.
     """
 
     model: PixelModel
@@ -38,6 +39,7 @@ class Residuals:
     photograph: Float[Tensor, "p 3"]
     whitening: Float[Tensor, "p 3 3"]
     gains: Gains | None = None
+    clusters: Int[Tensor, " p"] | None = None
 
     @cached_property
     def halves(self) -> tuple[Residuals, Residuals]:

@@ -197,7 +197,7 @@ def _next_round(problem: Problem, before: Fit, table: LightTable | None, everywh
     whitening = _whitening(problem, shown.radiance(before.material), seen / factors)
     if gains is not None:
         whitening = whitening / factors[:, None]
-    residuals = Residuals(model, coordinates, seen, whitening, gains)
+    residuals = Residuals(model, coordinates, seen, whitening, gains, problem.observed.clusters)
     start = torch.cat([coordinates.free(before.material), beside])
     starts = [start, *coordinates.elsewhere(start)] if everywhere else [start]
     solution = solved(residuals, starts, problem.solver)

@@ -22,6 +22,7 @@ ANGLE_BINS = 16
 FEWEST = 8  # one in so many of a photograph's pixels is taken, even if it mirrors the object
 EDGED = 7  # rays along a pixel's side at least where most pixels have an edge inside: a fiftieth of its area each
 MANY = 1 << 20  # pixels of a photograph that are shuffled as a whole
+JPEG_BLOCK = 16  # pixels, of whose colours most cameras keep every second in either direction, in blocks of eight
 CANDIDATES = 4  # per pixel that is wanted, so that the rare grazing ones are among them
 
 
@@ -36,6 +37,7 @@ class Observations:
         edged: whether most pixels have an edge inside, as facets' are.
         available: how many pixels like these there are, by the share that was fit for use of those looked at.
         place: photograph, row and column of each; those of one photograph are next to each other.
+        lossy: photographs that are compressed by blocks.
     """
 
     surface: GBuffer
@@ -44,6 +46,17 @@ class Observations:
     edged: bool
     available: int
     place: Int[Tensor, "p 3"]
+    lossy: frozenset[int] = frozenset()
+
+    @property
+    def clusters(self) -> Int[Tensor, " p"] | None:
+        """Numbers that pixels have in common whose errors go together: of one block of JPEG; None where none do."""
+        if not self.lossy:
+            return None
+        own = torch.stack([torch.zeros(len(self.place)).long(), *self.place.T], 1)
+        blocks = torch.cat([torch.ones(len(own), 1).long(), self.place[:, :1], self.place[:, 1:] // JPEG_BLOCK], 1)
+        lossy = torch.isin(self.place[:, 0], torch.tensor(sorted(self.lossy)))
+        return torch.where(lossy[:, None], blocks, own).unique(dim=0, return_inverse=True)[1]
 
     def __getitem__(self, index: slice) -> Observations:
         return replace(self, surface=self.surface[index], radiance=self.radiance[index], place=self.place[index])
@@ -125,6 +138,7 @@ def _joined(parts: list[Observations], count: int) -> Observations | None:
         any(part.edged for part in parts),
         sum(part.available for part in parts),
         torch.cat([part.place for part in parts])[:count],
+        frozenset().union(*(part.lossy for part in parts)),
     )
 
 
@@ -198,7 +212,8 @@ def _observe(
     self_seeing = float(mirrors_itself.double().mean())
     available = round(len(n_dot_v) * float(taken.double().mean()) / own.share)
     place = torch.stack([torch.full_like(row, number), row, column], 1)
-    found = Observations(surface[taken][:quota], radiance, self_seeing, edged, available, place)
+    lossy = frozenset([number] if photograph.lossy else [])
+    found = Observations(surface[taken][:quota], radiance, self_seeing, edged, available, place, lossy)
     return found if len(radiance) else None
 
 

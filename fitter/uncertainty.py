@@ -94,7 +94,8 @@ def spread(residuals: Residuals, x: Float[Tensor, " x"]) -> Spread:
 
     i counts the m pixels, whose channels share their noise; P is the prior's part of H. Nothing is taken for granted
     but that pixels are independent: the noise may differ between them, and need not be what the weights say. The
-    integration's error is independent between pixels, too, and so is within their scatter.
+    integration's error is independent between pixels, too, and so is within their scatter. Where pixels are known to
+    err together, i counts clusters of them, and g is their sum [Liang & Zeger 1986].
 
     A direction in which nothing is known has a huge but finite variance.
 
@@ -104,6 +105,9 @@ def spread(residuals: Residuals, x: Float[Tensor, " x"]) -> Spread:
     """
     halves = _Halves.at(x, residuals, residuals.robust_whitening(x))
     scores, information = halves.scores, halves.information
+    if residuals.clusters is not None:
+        sums = scores.new_zeros(int(residuals.clusters.max()) + 1, scores.shape[1])
+        scores = sums.index_add(0, residuals.clusters, scores)
     freedom = len(scores) / max(1, len(scores) - len(x))
     inverse = _inverse(information)
     scattered = scores.T @ scores * freedom + halves.of_prior.T @ halves.of_prior

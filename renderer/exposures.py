@@ -17,7 +17,8 @@ from renderer.errors import InputError
 from renderer.exif import relative_exposure
 from renderer.images import Image, decoded, read_image
 from renderer.response import CODES, Curve, fitted_response, through
-from renderer.scene import FITTED, PhotographSpec
+from renderer.scene import PhotographSpec
+from renderer.unknown import FITTED
 
 NEUTRAL = (1.0, 1.0, 1.0)
 TRIED = 20000  # pixels of a view, of which the curve is fitted to some that differ

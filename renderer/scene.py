@@ -27,31 +27,18 @@ from renderer.errors import InputError
 from renderer.images import ENCODING, ENCODING_HELP
 from renderer.lens_spec import LensSpec
 from renderer.mesh import Shape, Sphere, read_mesh
-
-SMALLEST, LARGEST = 1e-12, 1e12  # of factors on radiances, which are of the order of 1 and float32
-MOST_DEGREES = 1e6
-FITTED = "fit"  # in the place of a number: it is an unknown; as encoding: the camera's curve, by several exposures
-
-
-def _scale(value: Any) -> float | Literal["fit"]:
-    if value == FITTED or _is_factor(value):
-        return value
-    raise unexpected(f'a number from {SMALLEST:g} to {LARGEST:g}, or "fit"')
-
-
-def _rotation(value: Any) -> float | str:
-    if _is_number(value) and abs(value) <= MOST_DEGREES:
-        return value
-    if isinstance(value, str) and re.fullmatch(r"fit(?::-?\d{1,6}(?:\.\d+)?)?", value):
-        return value
-    raise unexpected(f'a number of degrees up to {MOST_DEGREES:g}, or "fit", or "fit:90" to fit it near 90')
-
-
-def turn_of(rotation: float | str) -> tuple[float, bool]:
-    """Degrees at which a rotation stands or is looked for, and whether it is to be fitted."""
-    if not isinstance(rotation, str):
-        return rotation, False
-    return float(rotation.partition(":")[2] or 0), True
+from renderer.unknown import (
+    FITTED,
+    LARGEST,
+    Exposure,
+    WhiteBalance,
+    exposure_or_word,
+    fit_or_nothing,
+    rotation_or_fit,
+    scale_or_fit,
+    turn_of,
+    white_balance_or_fit,
+)
 
 
 class GeometrySpec(Checked):
@@ -75,8 +62,8 @@ class EnvironmentSpec(Checked):
     """
 
     map: ExistingPath
-    rotation: Annotated[float | str, PlainValidator(_rotation)] = 0.0
-    scale: Annotated[float | Literal["fit"], PlainValidator(_scale)] = 1.0
+    rotation: Annotated[float | str, PlainValidator(rotation_or_fit)] = 0.0
+    scale: Annotated[float | Literal["fit"], PlainValidator(scale_or_fit)] = 1.0
 
     @property
     def start(self) -> tuple[float, float]:
@@ -160,43 +147,6 @@ def _known_encoding(encoding: str) -> str:
     return encoding
 
 
-Exposure = float | Literal["fit", "exif"] | tuple[float, ...]
-
-
-def _exposure(value: Any) -> Exposure:
-    if isinstance(value, list | tuple):
-        if value and all(map(_is_factor, value)):
-            return tuple(value)
-    elif value in ("fit", "exif") or _is_factor(value):
-        return value
-    raise unexpected(f'a number from {SMALLEST:g} to {LARGEST:g}, or "fit", or "exif", or a list beside images')
-
-
-def _is_number(value: Any) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool)
-
-
-def _is_factor(value: Any) -> bool:
-    return _is_number(value) and SMALLEST <= value <= LARGEST
-
-
-WhiteBalance = Literal["fit"] | tuple[float, float, float]
-
-
-def _white_balance(value: Any) -> WhiteBalance:
-    if value == FITTED:
-        return value
-    if isinstance(value, list | tuple) and len(value) == 3 and all(map(_is_factor, value)):
-        return value[0], value[1], value[2]
-    raise unexpected(f'"fit", or factors of red, green and blue from {SMALLEST:g} to {LARGEST:g}')
-
-
-def _fitted(value: Any) -> Literal["fit"]:
-    if value == FITTED:
-        return value
-    raise unexpected('"fit", or nothing: each of the photographs has its own')
-
-
 class PhotographSpec(Checked):
     """`[[photographs]]`: an image with its camera, and how its pixels became numbers.
 
@@ -208,8 +158,8 @@ class PhotographSpec(Checked):
     images: Annotated[tuple[ExistingFile, ...], Strict(False)] = ()
     mask: ExistingFile | None = None
     encoding: Annotated[str, AfterValidator(_known_encoding)] | None = None
-    exposure: Annotated[Exposure, PlainValidator(_exposure)] = 1.0
-    white_balance: Annotated[WhiteBalance, PlainValidator(_white_balance)] = (1.0, 1.0, 1.0)
+    exposure: Annotated[Exposure, PlainValidator(exposure_or_word)] = 1.0
+    white_balance: Annotated[WhiteBalance, PlainValidator(white_balance_or_fit)] = (1.0, 1.0, 1.0)
     camera: CameraSpec
 
     @model_validator(mode="before")
@@ -255,8 +205,8 @@ class Scene(Checked):
     """
 
     cameras: ExistingPath | None = None
-    exposure: Annotated[Literal["fit"] | None, PlainValidator(_fitted)] = None
-    white_balance: Annotated[Literal["fit"] | None, PlainValidator(_fitted)] = None
+    exposure: Annotated[Literal["fit"] | None, PlainValidator(fit_or_nothing)] = None
+    white_balance: Annotated[Literal["fit"] | None, PlainValidator(fit_or_nothing)] = None
     geometry: GeometrySpec
     environment: EnvironmentSpec
     lights: Annotated[tuple[LightSpec, ...], Strict(False)] = ()
