@@ -11,7 +11,6 @@ from jaxtyping import Bool, Float, Int
 from torch import Tensor
 
 from fitter.loading import Loaded
-from fitter.noise import MAD_TO_SIGMA
 from fitter.nuisances import Nuisances, unknowns_of
 from renderer import latlong
 from renderer.camera import Camera
@@ -26,8 +25,10 @@ NEAR = 0.01
 TILES = 16  # along the longer side: neighbours err together, as a map's texels and its far trees do
 SMALLEST_TILE, TILE_PIXELS, FEWEST_TILES = 6, 20, 6  # pixels along a side, pixels looked at, tiles with as many
 POSITIVE = 0.9  # share of pixels that hold light; of a cut-out's none does
-ALIKE = 0.5  # of the scatter of the map's own tiles that may be left where a photograph is divided by it …
+ALIKE = 0.3  # of the scatter of the map's own tiles that may be left where a photograph is divided by it …
 EVEN = 0.1  # … or this much of a logarithm, where the map is even
+NOT_OUTLIERS = 0.75  # share of tiles whose scatter counts: half of them may see nothing but the same lawn
+SHARE_TO_SIGMA = 1 / 1.1503  # of a normal distribution: 1/Φ⁻¹(⅞)
 LEAST_ERROR = 0.005  # of a logarithm: maps and lenses' corners are not better known
 
 
@@ -83,7 +84,7 @@ def seen_behind(spec: PhotographSpec, trace: Tracer, light: LatLong) -> Behind |
     if len(tiles) < FEWEST_TILES:
         return None
     middle = tiles.median(0).values
-    left, own = MAD_TO_SIGMA * (tiles - middle).abs().median(0).values
+    left, own = SHARE_TO_SIGMA * (tiles - middle).abs().quantile(NOT_OUTLIERS, 0)
     if (left > torch.maximum(ALIKE * own, torch.tensor(EVEN).to(own))).any():
         return None
     return Behind(middle[0], (math.sqrt(math.pi / 2 / len(tiles)) * left).clamp_min(LEAST_ERROR))

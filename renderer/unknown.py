@@ -25,7 +25,7 @@ def rotation_or_fit(value: Any) -> float | str:
         return value
     if isinstance(value, str) and re.fullmatch(r"fit(?::-?\d{1,6}(?:\.\d+)?)?", value):
         return value
-    raise unexpected(f'a number of degrees up to {MOST_DEGREES:g}, or "fit", or "fit:90" to fit it near 90')
+    raise unexpected(f'a number of degrees up to {MOST_DEGREES:.0f}, or "fit", or "fit:90" to fit it near 90')
 
 
 def turn_of(rotation: float | str) -> tuple[float, bool]:
