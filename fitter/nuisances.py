@@ -122,6 +122,14 @@ class Nuisances:
         rest = self.unknowns[:-1]
         return replace(self, unknowns=rest, mean=mean, root=root, told=told, turn=None) if rest else None
 
+    def with_turn_found(self, degrees: float, error: float) -> Nuisances:
+        """The same with the environment's rotation as a fit has found it, for a model that cannot turn it."""
+        if self.turn is None:
+            return self
+        mean, root = self.mean.clone(), self.root.clone()
+        mean[-1], root[-1, -1] = degrees, 1 / error
+        return replace(self, mean=mean, root=root, turn=None)
+
     @property
     def start(self) -> Float[Tensor, " z"]:
         """Where a fit begins."""

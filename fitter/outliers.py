@@ -59,9 +59,9 @@ def outlier_maps(
         if not own.any() or not view.mask.any():
             continue
         nearest = _nearest(place[own, 1:], torch.from_numpy(view.mask).nonzero() * thumbnail.step)
-        shown = [_filled(view.mask, each[own][nearest]) for each in (deviation, weight)]
+        deviations, weights = (_filled(view.mask, each[own][nearest]) for each in (deviation, weight))
         beyond = float((deviation[own].abs() > ROBUST_AT).double().mean())
-        maps.append(OutlierMap(view.name, view.photograph, *shown, view.mask, beyond))
+        maps.append(OutlierMap(view.name, view.photograph, deviations, weights, view.mask, beyond))
     return maps
 
 

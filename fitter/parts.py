@@ -161,7 +161,8 @@ def polished_parts(
         unhindered = replace(part.setting, occluder=None)  # what the object hides, the paths know
         few = part.observed[:: -(-len(part.observed.radiance) // MOST_TRACED)]
         gains = part.choice.fit.residuals.gains
-        nuisances = None if gains is None else gains.nuisances.without_turn()
+        error = float(part.spread.covariance[-1, -1].sqrt())
+        nuisances = None if gains is None else gains.nuisances.with_turn_found(float(part.choice.fit.x[-1]), error)
         problem = Problem(few, unhindered, SOLVERS[options.solver], label, nuisances=nuisances)
         polish = polished(problem, part.choice.fit, polish_scene(loaded, part.setting, found, part.index))
         choice = replace(part.choice, fit=polish.fit)

@@ -142,7 +142,7 @@ def refined(problem: Problem, rough: Fit) -> Fit:
 
 def anew(problem: Problem, fit: Fit) -> Fit:
     """The fit of a problem next to whose solution another one's lies, by the finest tables alone."""
-    return _last(_finest(problem, fit))
+    return _last(_finest(_facing(problem, fit), fit))
 
 
 def _refinements(problem: Problem, fit: Fit) -> Iterator[Fit]:
@@ -188,7 +188,7 @@ def _next_round(problem: Problem, before: Fit, table: LightTable | None, everywh
     seen = problem.observed.radiance
     gains = before.residuals.gains
     beside = before.x[coordinates.size :]
-    factors, shown = 1.0, model
+    factors, shown = torch.ones_like(seen), model
     if gains is not None and problem.nuisances is not None:
         nuisances = replace(gains.nuisances, turn=problem.nuisances.turn)
         gains = Gains(nuisances, problem.observed.place[:, 0])

@@ -13,6 +13,7 @@ from jaxtyping import Float
 from pydantic import (
     AfterValidator,
     Field,
+    PlainSerializer,
     PlainValidator,
     PositiveFloat,
     Strict,
@@ -147,6 +148,9 @@ def _known_encoding(encoding: str) -> str:
     return encoding
 
 
+AS_IT_IS = PlainSerializer(lambda value: value, return_type=Any)  # pydantic would warn of a tuple among other types
+
+
 class PhotographSpec(Checked):
     """`[[photographs]]`: an image with its camera, and how its pixels became numbers.
 
@@ -158,8 +162,8 @@ class PhotographSpec(Checked):
     images: Annotated[tuple[ExistingFile, ...], Strict(False)] = ()
     mask: ExistingFile | None = None
     encoding: Annotated[str, AfterValidator(_known_encoding)] | None = None
-    exposure: Annotated[Exposure, PlainValidator(exposure_or_word)] = 1.0
-    white_balance: Annotated[WhiteBalance, PlainValidator(white_balance_or_fit)] = (1.0, 1.0, 1.0)
+    exposure: Annotated[Exposure, PlainValidator(exposure_or_word), AS_IT_IS] = 1.0
+    white_balance: Annotated[WhiteBalance, PlainValidator(white_balance_or_fit), AS_IT_IS] = (1.0, 1.0, 1.0)
     camera: CameraSpec
 
     @model_validator(mode="before")

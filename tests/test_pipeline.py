@@ -180,10 +180,12 @@ def test_a_wrong_exposure_is_not_hidden(iron, tmp_path):
 
 def test_a_wrong_exposure_is_found_where_it_is_fitted(iron, iron_result, tmp_path):
     """Told half of what it was, the one factor of all photographs is 2, which iron's curve tells to some per cent:
-    its reflectance at grazing angles is 1 whatever the exposure. F0 is known less well than where nothing is fitted."""
+    its reflectance at grazing angles is 1 whatever the exposure: of pixels there the rays' angles count. F0 is known
+    less well than where nothing is fitted."""
     scene = iron.with_name("unknown.toml")
     scene.write_text('exposure = "fit"\n' + iron.read_text().replace("exposure = 1.0", "exposure = 0.5"))
-    result = fitted(scene, tmp_path / "out")
+    fidelity = replace(FIDELITY, footprint=PRESETS["standard"].footprint)
+    result = fit_scene(scene, tmp_path / "out", FitOptions(fidelity, type="metal"))
     assert result.nuisances is not None
     (record,) = result.nuisances
     assert (record.name, record.photograph, record.by_surroundings) == ("exposure", None, False)

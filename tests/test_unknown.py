@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import numpy as np
@@ -88,3 +89,14 @@ def test_what_says_nothing_or_the_same_twice_is_refused(scene, added, sentence):
     with pytest.raises(InputError) as told:
         scene(**added)
     assert sentence in str(told.value)
+
+
+def test_scenes_are_written_as_they_were_read(scene):
+    """Without a word of warning, which tests take for an error: that is how photographs that repeat are found."""
+    found = scene(first="white_balance = [2, 1, 1.5]", second='exposure = "fit"')
+    assert [json.loads(each.model_dump_json(include={"white_balance"})) for each in found.photographs] == [
+        {"white_balance": [2, 1, 1.5]},
+        {"white_balance": [1, 1, 1]},
+    ]
+    listed = found.photographs[0].model_copy(update={"exposure": (1.0, 2.0)})
+    assert json.loads(listed.model_dump_json(include={"exposure"})) == {"exposure": [1.0, 2.0]}
