@@ -87,5 +87,6 @@ def _criteria(fits: Mapping[MaterialType, Fit]) -> dict[MaterialType, float]:
 
 
 def _relative_difference(fit: Fit) -> Float[Tensor, "p 3"]:
-    seen = fit.residuals.photograph
-    return (fit.picture - seen) * relative_weight(seen)
+    factors = fit.residuals.factors(fit.x)
+    seen = fit.residuals.photograph / factors
+    return (fit.picture / factors - seen) * relative_weight(seen)

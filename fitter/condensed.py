@@ -5,7 +5,8 @@ material in other ways. With R a square root of the Gram matrix of the pixels' o
 
     |A u - y|² = |R (u, 1)|²
 
-exactly, whatever u: the solver's steps cost no more for a million pixels than for ten.
+exactly, whatever u: the solver's steps cost no more for a million pixels than for ten. Photographs of exposures that
+are fitted, too, are mixed differently, and are condensed one by one.
 """
 
 from __future__ import annotations
@@ -56,25 +57,27 @@ class Condensed:
     """A short vector with the sum of squares of residuals, as outliers are weighed at one free vector.
 
     Attributes:
-        root: R, of the Gram matrix.
+        roots: R, of the Gram matrix of each block of pixels.
         origin: mixing at that free vector, flat; written as differences to it, the equations keep their digits.
         residuals: what was condensed.
     """
 
-    root: Float[Tensor, "u+1 u+1"]
-    origin: Float[Tensor, " u"]
+    roots: tuple[Float[Tensor, "u+1 u+1"], ...]
+    origin: Float[Tensor, "b u"]
     residuals: Residuals
 
     def __call__(self, x: Float[Tensor, " x"]) -> Float[Tensor, " r"]:
         """R (u - u₀, 1) and the prior."""
-        way = torch.cat([_mixing(self.residuals, x) - self.origin, self.origin.new_ones(1)])
-        return torch.cat([self.root @ way, self.residuals.prior(x)])
+        ways, one = _mixing(self.residuals, x) - self.origin, self.origin.new_ones(1)
+        blocks = [root @ torch.cat([way, one]) for root, way in zip(self.roots, ways, strict=True)]
+        return torch.cat([*blocks, self.residuals.prior(x)])
 
     def jacobian(self, x: Float[Tensor, " x"]) -> Float[Tensor, "r x"]:
         """Its derivative."""
-        found = jacobian(lambda x: torch.cat([_mixing(self.residuals, x), self.residuals.prior(x)]), x)
-        mixing, prior = found[: len(self.origin)], found[len(self.origin) :]
-        return torch.cat([self.root[:, :-1] @ mixing, prior])
+        count, size = self.origin.shape
+        found = jacobian(lambda x: torch.cat([_mixing(self.residuals, x).flatten(), self.residuals.prior(x)]), x)
+        mixing, prior = found[: count * size].unflatten(0, (count, size)), found[count * size :]
+        return torch.cat([*(root[:, :-1] @ each for root, each in zip(self.roots, mixing, strict=True)), prior])
 
 
 def condensed(residuals: Residuals, around: Float[Tensor, " x"]) -> Condensed:
@@ -88,18 +91,21 @@ def condensed(residuals: Residuals, around: Float[Tensor, " x"]) -> Condensed:
     assert isinstance(model, MixedPixels)
     whitening, left = residuals.robust_whitening(around), residuals.difference(around)
 
-    def gram(first: int) -> Float[Tensor, "u u"]:
-        part = slice(first, first + CHUNK)
+    def gram(part: slice) -> Float[Tensor, "u u"]:
         equations = torch.einsum("prc,pqc->prqc", whitening[part], model.mixed(part)).flatten(2)
         known = torch.matmul(whitening[part], left[part, :, None])
         rows = torch.cat([equations, known], 2).flatten(0, 1)
         return rows.T @ rows
 
-    grams = list(map_in_threads(gram, range(0, len(left), CHUNK)))
-    values, vectors = torch.linalg.eigh(torch.stack(grams).sum(0))
-    root = values.clamp_min(0).sqrt()[:, None] * vectors.T
-    return Condensed(root, _mixing(residuals, around).detach(), residuals)
+    def root(pixels: slice) -> Float[Tensor, "u u"]:
+        first, end, _ = pixels.indices(len(left))
+        parts = [slice(start, min(start + CHUNK, end)) for start in range(first, end, CHUNK)]
+        values, vectors = torch.linalg.eigh(torch.stack(list(map_in_threads(gram, parts))).sum(0))
+        return values.clamp_min(0).sqrt()[:, None] * vectors.T
+
+    roots = tuple(root(block.pixels) for block in residuals.blocks)
+    return Condensed(roots, _mixing(residuals, around).detach(), residuals)
 
 
-def _mixing(residuals: Residuals, x: Float[Tensor, " x"]) -> Float[Tensor, " u"]:
-    return residuals.mixing(x).flatten()
+def _mixing(residuals: Residuals, x: Float[Tensor, " x"]) -> Float[Tensor, "b u"]:
+    return residuals.mixing(x).flatten(1)

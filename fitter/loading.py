@@ -54,11 +54,10 @@ def load(scene_file: Path) -> Loaded:
         InputError: a file or field is wrong, or asks for what this version does not do.
     """
     scene = read_scene(scene_file)
-    _require_supported(scene, scene_file)
     shape = read_shape(scene.geometry)
     names = _material_names(scene, shape, scene_file)
     light = scene.environment
-    environment = read_environment(light.map, rotation=light.rotation, scale=light.scale)
+    environment = read_environment(light.map, *light.start)
     stem = scene.geometry.mesh.stem if scene.geometry.mesh else str(scene.geometry.shape)
     photographs = Album.of_scene(scene.photographs, scene_file)
     files = _hashed(_beside_photographs(scene, scene_file))
@@ -104,14 +103,6 @@ def _material_names(scene: Scene, shape: Shape, scene_file: Path) -> tuple[str, 
             expected = f"the name of one of the mesh's materials: {', '.join(shape.material_names)}"
             raise InputError(scene_file, f"materials[{i}].name", name, expected)
     return shape.material_names
-
-
-def _require_supported(scene: Scene, scene_file: Path) -> None:
-    """Refuse what the contract of scene.toml allows and this version would otherwise silently ignore."""
-    for i, photograph in enumerate(scene.photographs):
-        if photograph.exposure == "fit":
-            expected = "a number: exposures are not fitted so far"
-            raise InputError(scene_file, f"photographs[{i}].exposure", '"fit"', expected)
 
 
 def input_files(scene: Scene, scene_file: Path) -> tuple[InputFile, ...]:

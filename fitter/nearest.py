@@ -47,7 +47,9 @@ def nearest_metals(
     def distance(known: Metal) -> float:
         reflectance = fresnel.conductor(cos_d, *(torch.tensor(v, dtype=torch.float64) for v in (known.n, known.k)))
         difference = reflectance.flatten() - fitted
-        return float((difference @ torch.linalg.solve(covariance, difference) / (len(x) - 1)).clamp_min(0).sqrt())
+        return float(
+            (difference @ torch.linalg.solve(covariance, difference) / (coordinates.size - 1)).clamp_min(0).sqrt()
+        )
 
     known_metals = read_catalogue() if metals is None else metals
     found = [Nearest(name=metal.title, distance=distance(metal)) for metal in known_metals]

@@ -48,7 +48,7 @@ class Interval:
 
 
 class Coordinates(ABC):
-    """A kind of material as a function of a free vector.
+    """A kind of material as a function of a free vector, of which what comes after its own `size` numbers is not its.
 
     Attributes:
         roughness: the interval of roughness; None where the material has none.
@@ -116,7 +116,7 @@ class MetalCoordinates(Coordinates):
         n = (log_limit * torch.tanh(tint)).exp()
         above, below = (2 * log_limit * torch.sigmoid(side) for side in (-2 * tint, 2 * tint))
         k = n * (torch.expm1(above) * -torch.expm1(-below)).sqrt()
-        return Metal(n, k, self.roughness.value(x[-1]))
+        return Metal(n, k, self.roughness.value(x[self.size - 1]))
 
     def free(self, material: Material) -> Float[Tensor, " x"]:
         assert isinstance(material, Metal)
@@ -159,8 +159,8 @@ class GlossyCoordinates(Coordinates):
 
     def material(self, x: Float[Tensor, " x"]) -> Glossy:
         x = x.clamp(-_REACH, _REACH)
-        reflectance = self.reflectance.value(x[3:-1]).expand(3)
-        return Glossy(UNIT.value(x[:3]), reflectance, self.roughness.value(x[-1]))
+        reflectance = self.reflectance.value(x[3 : self.size - 1]).expand(3)
+        return Glossy(UNIT.value(x[:3]), reflectance, self.roughness.value(x[self.size - 1]))
 
     def free(self, material: Material) -> Float[Tensor, " x"]:
         assert isinstance(material, Glossy)
@@ -188,7 +188,7 @@ class MatteCoordinates(Coordinates):
 
     def material(self, x: Float[Tensor, " x"]) -> Matte:
         x = x.clamp(-_REACH, _REACH)
-        return Matte(UNIT.value(x[:3]), MATTE_REFLECTANCE.value(x[3:]).expand(3))
+        return Matte(UNIT.value(x[:3]), MATTE_REFLECTANCE.value(x[3 : self.size]).expand(3))
 
     def free(self, material: Material) -> Float[Tensor, " x"]:
         assert isinstance(material, Matte)

@@ -11,6 +11,8 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
+from fitter.background import nuisances_of
+from fitter.beside import guessed, turned
 from fitter.choice import Choice, fit_type
 from fitter.fidelity import Fidelity
 from fitter.fit_options import FitOptions
@@ -92,6 +94,7 @@ def fit_parts(
         kept: materials of which pixels are taken though they mirror the object.
     """
     types = kinds_of(loaded, options) if kinds is None else kinds
+    nuisances = nuisances_of(loaded, trace)
 
     @functools.cache
     def chosen(count: int) -> list[Observations | None]:
@@ -111,7 +114,8 @@ def fit_parts(
     def problem_at(fidelity: Fidelity, index: int) -> Problem:
         observed, label = chosen(fidelity.pixels)[index], _labelled(progress, loaded.materials[index], len(seen))
         assert observed is not None
-        return Problem(observed, replace(setting, fidelity=fidelity), SOLVERS[options.solver], label)
+        light = replace(setting, fidelity=fidelity)
+        return Problem(observed, light, SOLVERS[options.solver], label, nuisances=nuisances)
 
     seen = chosen(setting.fidelity.pixels if options.tolerance is None else FIRST_PIXELS)
     return [
@@ -156,7 +160,10 @@ def polished_parts(
         label = _labelled(progress, part.material.name, len(parts))
         unhindered = replace(part.setting, occluder=None)  # what the object hides, the paths know
         few = part.observed[:: -(-len(part.observed.radiance) // MOST_TRACED)]
-        problem = Problem(few, unhindered, SOLVERS[options.solver], label)
+        gains = part.choice.fit.residuals.gains
+        error = float(part.spread.covariance[-1, -1].sqrt())
+        nuisances = None if gains is None else gains.nuisances.with_turn_found(float(part.choice.fit.x[-1]), error)
+        problem = Problem(few, unhindered, SOLVERS[options.solver], label, nuisances=nuisances)
         polish = polished(problem, part.choice.fit, polish_scene(loaded, part.setting, found, part.index))
         choice = replace(part.choice, fit=polish.fit)
         made = _part(part.index, part.material.name, few, choice, unhindered, options.prior)
@@ -187,6 +194,7 @@ def _labelled(progress: Progress, name: str, count: int) -> Progress:
 
 def _part(index: int, name: str, observed: Observations, choice: Choice, setting: Setting, prior: Prior) -> FittedPart:
     fit = choice.fit
+    setting = turned(setting, fit)
     uncertainty = spread(fit.residuals, fit.x)
     coordinates = fit.residuals.coordinates
     nearest = nearest_metals(fit.x, coordinates, uncertainty) if isinstance(coordinates, MetalCoordinates) else ()
@@ -195,5 +203,5 @@ def _part(index: int, name: str, observed: Observations, choice: Choice, setting
         rho = viewer_roughness(observed, setting.viewers, fit.material)
     borrowed = borrow(fit, uncertainty, prior)
     material = fitted_material(name, fit, uncertainty, rho, nearest, borrowed)
-    told = describe(choice, material, seen_by(fit, observed), borrowed)
+    told = describe(choice, material, seen_by(fit, observed, guessed(fit, uncertainty)), borrowed)
     return FittedPart(index, observed, choice, uncertainty, material, told, setting)

@@ -15,7 +15,7 @@ from renderer.camera import Camera
 from renderer.clipping import dilated
 from renderer.errors import InputError
 from renderer.exposures import expose
-from renderer.images import read_image
+from renderer.images import LOSSY, read_image
 from renderer.scene import PhotographSpec, camera_of
 
 FAINTEST, BRIGHTEST = 1e-20, 1e20  # beyond these, squares leave float32
@@ -38,6 +38,7 @@ class Photograph:
             file, or its sensor was full, in every exposure.
         nonfinite: pixels left out only because a channel is NaN or infinite.
         inputs: the files that it was read from.
+        lossy: whether a file is compressed by blocks, within which errors go together.
     """
 
     name: str
@@ -48,6 +49,7 @@ class Photograph:
     clipped: int
     nonfinite: int
     inputs: tuple[InputFile, ...] = ()
+    lossy: bool = False
 
 
 def read_photograph(spec: PhotographSpec, scene_file: str | Path, index: int = 0) -> Photograph:
@@ -90,6 +92,7 @@ def read_photograph(spec: PhotographSpec, scene_file: str | Path, index: int = 0
         clipped=int((inside & clipped).sum()),
         nonfinite=int((inside & ~finite).sum()),
         inputs=_inputs(spec),
+        lossy=any(path.suffix.lower() in LOSSY for path in spec.images or (spec.image,)),
     )
 
 

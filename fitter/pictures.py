@@ -4,11 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from jaxtyping import Bool, Float, UInt8
 
 from fitter.quality import ViewPictures, tone_mapped, white_point
+
+if TYPE_CHECKING:
+    from fitter.outliers import OutlierMap
 
 DIFFERENCE_RANGE = 0.10
 """The relative difference at the ends of the colour scale."""
@@ -20,6 +24,12 @@ SHOWN_WHITE = 98.0  # percentile; lamps may burn out, so that the rest of a meta
 LONGEST_SIDE = 800  # pixels; larger pictures are averaged down, so that the page stays a few MB
 
 Rgba = UInt8[np.ndarray, "h w 4"]
+
+
+DEVIATION_RANGE = 10.0
+"""Standard deviations at the ends of the same scale, of what the fit does not explain."""
+
+WEIGHT_COLORS = "cividis"
 
 
 @dataclass(frozen=True)
@@ -45,6 +55,20 @@ def tiles(views: Sequence[ViewPictures]) -> list[Tiles]:
     return [_tiles(view, white) for view in small]
 
 
+def outlier_tiles(maps: Sequence[OutlierMap]) -> list[Tiles]:
+    """Of each photograph itself, how the fit deviates from it, and what its pixels counted, as `difference`."""
+    from matplotlib import colormaps
+
+    found = []
+    for each in maps:
+        masked = each.photograph[each.mask]
+        shown = _rgba(tone_mapped(each.photograph, white_point(masked, SHOWN_WHITE)), each.mask)
+        deviation = colormaps[DIFFERENCE_COLORS](0.5 + 0.5 * each.deviation / DEVIATION_RANGE)[..., :3]
+        weight = colormaps[WEIGHT_COLORS](each.weight)[..., :3]
+        found.append(Tiles(each.name, shown, _rgba(deviation, each.mask), _rgba(weight, each.mask)))
+    return found
+
+
 def comparison_png(views: Sequence[ViewPictures], gap: int = 8) -> bytes:
     """Photograph | fit | difference, one row for each view, as one PNG; transparent gaps of `gap` pixels."""
     rows = [_beside([row.photograph, row.fit, row.difference], gap) for row in tiles(views)]
@@ -60,12 +84,12 @@ def png(picture: Rgba) -> bytes:
     return iio.imwrite("<bytes>", picture, extension=".png")
 
 
-def difference_colors(count: int = 11) -> list[str]:
-    """The difference's colour scale from -`DIFFERENCE_RANGE` to +`DIFFERENCE_RANGE` as `#rrggbb`."""
+def colors_of(scale: str, count: int = 11) -> list[str]:
+    """A colour scale from its low to its high end as `#rrggbb`."""
     from matplotlib import colormaps
     from matplotlib.colors import to_hex
 
-    return [to_hex(colormaps[DIFFERENCE_COLORS](x)) for x in np.linspace(0, 1, count)]
+    return [to_hex(colormaps[scale](x)) for x in np.linspace(0, 1, count)]
 
 
 def _tiles(view: ViewPictures, white: float) -> Tiles:

@@ -10,6 +10,7 @@ from pathlib import Path
 import torch
 
 from fitter import quality
+from fitter.beside import Beside, found_beside
 from fitter.consistent import require_consistent
 from fitter.curves import Curve, reflectance_curve
 from fitter.devices import torch_device
@@ -18,6 +19,7 @@ from fitter.fidelity import Fidelity
 from fitter.fit_options import FitOptions
 from fitter.loading import Loaded, load
 from fitter.mtl import ordinary_mtl, thesis_mtl
+from fitter.outliers import OutlierMap, outlier_maps, told
 from fitter.parts import FittedPart, Progress, painted
 from fitter.planned_fit import PlannedFit, fit_planned
 from fitter.polish import require_polishable
@@ -80,9 +82,11 @@ def fit_scene(
         clock = _Clock(began, read, time.perf_counter(), loaded.photographs.seconds, solving)
         progress("writing the report", 0)
         views = _views(loaded, trace, parts)
-        result = _result(loaded, planned, views, clock)
+        outliers = outlier_maps(parts, loaded.photographs.thumbnails, views)
+        result = _result(loaded, planned, views, outliers, clock)
         alone = strips(planned, loaded.photographs.thumbnails[0], trace)
-        page = render_report(result, views, [_curve(part) for part in parts], alone, command=options.command)
+        curves = [_curve(part) for part in parts]
+        page = render_report(result, views, curves, alone, outliers, command=options.command)
         write_text_atomically(folder / "report.html", page)
         write_bytes_atomically(folder / "comparison.png", comparison_png(views))
         write_text_atomically(folder / f"{loaded.name}.thesis.mtl", thesis_mtl(result.materials))
@@ -170,7 +174,14 @@ def _message(loaded: Loaded, planned: PlannedFit, fidelity: Fidelity) -> str:
     told = [part.told for part in parts]
     if len(loaded.materials) > 1:
         told = [f"{part.material.name}: {sentences}" for part, sentences in zip(parts, told, strict=True)]
+    beside = _beside(loaded, parts)
+    told += [] if beside is None else beside.told
     return " ".join([*told, *planned.told, *_remarks(loaded, parts, fidelity)])
+
+
+def _beside(loaded: Loaded, parts: Sequence[FittedPart]) -> Beside | None:
+    names = [each.name for each in loaded.photographs.thumbnails]
+    return found_beside([(part.choice.fit, part.spread) for part in parts], names)
 
 
 def _views(loaded: Loaded, trace: Tracer, parts: Sequence[FittedPart]) -> list[ViewPictures]:
@@ -184,29 +195,40 @@ def _views(loaded: Loaded, trace: Tracer, parts: Sequence[FittedPart]) -> list[V
     def shade(surface: GBuffer) -> torch.Tensor:
         return painted(parts, surface, shown)
 
+    thumbnails = loaded.photographs.thumbnails
+    beside = _beside(loaded, parts)
+    factors = torch.ones(len(thumbnails), 3) if beside is None else beside.factors.float()
     views = []
-    for seen in loaded.photographs.thumbnails:
+    for seen, factor in zip(thumbnails, factors, strict=True):
         footprint = min(parts[0].setting.fidelity.footprint, SHOWN_FOOTPRINT)
         picture = draw(trace, seen.camera, seen.mask, seen.step, footprint, shade)
         exposure = 1.0 if seen.exposure == "fit" else seen.exposure
-        photograph, fit = ((radiance * exposure).numpy() for radiance in (seen.radiance, picture.radiance))
+        photograph, fit = ((shown * exposure).numpy() for shown in (seen.radiance, factor * picture.radiance))
         views.append(ViewPictures(seen.name, photograph, fit, picture.mask.numpy()))
     return views
 
 
-def _result(loaded: Loaded, planned: PlannedFit, views: Sequence[ViewPictures], clock: _Clock) -> Result:
+def _result(
+    loaded: Loaded,
+    planned: PlannedFit,
+    views: Sequence[ViewPictures],
+    outliers: Sequence[OutlierMap],
+    clock: _Clock,
+) -> Result:
     parts = planned.parts
     setting, materials = parts[0].setting, tuple(part.material for part in parts)
     fidelity = setting.fidelity
-    exposure = [1.0 if p.exposure == "fit" else p.exposure for p in loaded.photographs.thumbnails]
+    beside = _beside(loaded, parts)
+    fitted = [1.0] * len(loaded.photographs) if beside is None else beside.exposures.tolist()
+    known = [1.0 if each.exposure == "fit" else each.exposure for each in loaded.photographs.thumbnails]
     types = {material.type for material in materials}
     polish = any(part.polish is not None for part in parts)
     return Result(
         status=status_of([part.choice for part in parts], materials),
-        message=_message(loaded, planned, fidelity),
+        message=" ".join([_message(loaded, planned, fidelity), *told(outliers)]),
         materials=materials,
         quality=quality.assess(views),
-        exposure=tuple(exposure),
+        exposure=tuple(factor * each for factor, each in zip(fitted, known, strict=True)),
         model=Model(
             fidelity=f"{fidelity.name}, polished by Mitsuba's path tracer" if polish else fidelity.name,
             reflectance=", ".join(fidelity.reflectance_of(kind) for kind in sorted(types, reverse=True)),
@@ -221,4 +243,5 @@ def _result(loaded: Loaded, planned: PlannedFit, views: Sequence[ViewPictures], 
         time=clock.now(),
         inputs=loaded.inputs,
         tolerance=tuple(part.tolerance for part in parts if part.tolerance is not None) or None,
+        nuisances=None if beside is None else beside.records,
     )

@@ -192,7 +192,8 @@ def polished(problem: Problem, fit: Fit, scene: DifferentiableScene) -> Polish:
     for span in (WIDE, WIDE, problem.fidelity.spans[-1]):
         setting = replace(problem.setting, fidelity=replace(problem.fidelity, spans=(span,)))
         added = _traced(problem, _metal(fit), scene, seed)
-        fit = refined(PolishedProblem(problem.observed, setting, problem.solver, problem.progress, added), fit)
+        means = (problem.observed, setting, problem.solver, problem.progress, added)
+        fit = refined(PolishedProblem(*means, nuisances=problem.nuisances), fit)
     return Polish(_settled(problem, fit, scene, seed), scene, seed)
 
 

@@ -11,8 +11,20 @@ from markupsafe import Markup
 
 from fitter.catalogue import Metal, read_catalogue
 from fitter.curves import CHANNELS, Curve, reflectance_svg
+from fitter.outliers import ROBUST_AT, OutlierMap
 from fitter.pages import page_templates
-from fitter.pictures import DIFFERENCE_RANGE, Rgba, comparison_png, difference_colors, png, tiles
+from fitter.pictures import (
+    DEVIATION_RANGE,
+    DIFFERENCE_COLORS,
+    DIFFERENCE_RANGE,
+    WEIGHT_COLORS,
+    Rgba,
+    colors_of,
+    comparison_png,
+    outlier_tiles,
+    png,
+    tiles,
+)
 from fitter.quality import ViewPictures
 from fitter.remarks import decimals
 from fitter.result import FittedMaterial, FromPrior, PerParameter, Result
@@ -51,6 +63,7 @@ def render_report(
     views: Sequence[ViewPictures],
     curves: Sequence[Curve | None],
     effects: Sequence[ViewPictures] = (),
+    outliers: Sequence[OutlierMap] = (),
     *,
     command: str = "",
 ) -> str:
@@ -61,6 +74,7 @@ def render_report(
         views: the pictures of each photograph, in the result's order, with its names.
         curves: the reflectance curve of each material, in the result's order; None for one that mirrors nothing.
         effects: of each effect the picture with it, as `photograph`, and without, as `fit`; named by it.
+        outliers: what the fit does not explain, of each photograph.
         command: the command line that made the result, shown as it is; "" shows none.
 
     Returns:
@@ -78,7 +92,11 @@ def render_report(
         effects=tiles(effects),
         quality=dict(zip(names, result.quality.photographs, strict=False)),
         difference_range=DIFFERENCE_RANGE,
-        difference_colors=difference_colors(),
+        difference_colors=colors_of(DIFFERENCE_COLORS),
+        outliers=list(zip(outlier_tiles(outliers), outliers, strict=True)),
+        robust_at=ROBUST_AT,
+        deviation_range=DEVIATION_RANGE,
+        weight_colors=colors_of(WEIGHT_COLORS),
         tables=[(material, list(_rows(material))) for material in result.materials],
         curves=[
             (material.name, _plot(curve, material, known))

@@ -6,12 +6,14 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import torch
-from jaxtyping import Float
+from jaxtyping import Float, Int
 from torch import Tensor
 
 from fitter.derivative import jacobian
+from fitter.nuisances import Block, Gains
 from fitter.parameters import Coordinates
 from fitter.pixel_model import MixedPixels, PixelModel
+from fitter.turning import TurnedPixels
 
 ROBUST_AT = (
     6.0  # standard deviations: a path tracer's noise is skewed, and a nearer threshold would favour its low side
@@ -27,12 +29,17 @@ class Residuals:
         coordinates: the material as a function of the free vector.
         photograph: radiance that was seen.
         whitening: W of each pixel's noise; see `fitter.noise`.
+        gains: factors on the picture that are fitted, too, their free numbers behind the material's; None where the
+            photograph is the radiance.
+        clusters: a number for each pixel, the same for those whose errors go together; None where all are independent.
     """
 
     model: PixelModel
     coordinates: Coordinates
     photograph: Float[Tensor, "p 3"]
     whitening: Float[Tensor, "p 3 3"]
+    gains: Gains | None = None
+    clusters: Int[Tensor, " p"] | None = None
 
     @cached_property
     def halves(self) -> tuple[Residuals, Residuals]:
@@ -40,9 +47,29 @@ class Residuals:
         first, second = (replace(self, model=self.model.half(which)) for which in (0, 1))
         return first, second
 
+    def picture(self, x: Float[Tensor, " x"]) -> Float[Tensor, "p 3"]:
+        """The model's, as the photographs would show it."""
+        radiance = self.model_at(x).radiance(self.coordinates.material(x))
+        return radiance if self.gains is None else self.gains.factors(self._beside(x)) * radiance
+
+    def model_at(self, x: Float[Tensor, " x"]) -> PixelModel:
+        """The model in the environment as it is turned there."""
+        if not isinstance(self.model, TurnedPixels):
+            return self.model
+        assert self.gains is not None
+        return self.model.at(self.gains.nuisances.steps(self._beside(x)))
+
+    def factors(self, x: Float[Tensor, " x"]) -> Float[Tensor, "p 3"] | float:
+        """Pixel over radiance."""
+        return 1.0 if self.gains is None else self.gains.factors(self._beside(x))
+
+    def _beside(self, x: Float[Tensor, " x"]) -> Float[Tensor, " z"]:
+        """The free numbers that are not the material's."""
+        return x[self.coordinates.size :]
+
     def difference(self, x: Float[Tensor, " x"]) -> Float[Tensor, "p 3"]:
         """Model less photograph."""
-        return self.model.radiance(self.coordinates.material(x)) - self.photograph
+        return self.picture(x) - self.photograph
 
     def whitened(self, x: Float[Tensor, " x"]) -> Float[Tensor, "p 3"]:
         """The differences, their noise made independent and of variance 1; outliers count by their size alone."""
@@ -50,21 +77,32 @@ class Residuals:
 
     def mixes(self, x: Float[Tensor, " x"]) -> bool:
         """Whether the picture is what the model has `mixed` by `mixing` and nothing else."""
-        return isinstance(self.model, MixedPixels) and self.model.mixing(self.coordinates.material(x)) is not None
+        model = self.model_at(x)
+        return isinstance(model, MixedPixels) and model.mixing(self.coordinates.material(x)) is not None
 
-    def mixing(self, x: Float[Tensor, " x"]) -> Float[Tensor, "q 3"]:
-        """How much each number of what is mixed counts."""
-        assert isinstance(self.model, MixedPixels)
-        found = self.model.mixing(self.coordinates.material(x))
+    @property
+    def blocks(self) -> tuple[Block, ...]:
+        """Pixels that are mixed alike."""
+        return (Block(slice(None), 0),) if self.gains is None else self.gains.blocks
+
+    def mixing(self, x: Float[Tensor, " x"]) -> Float[Tensor, "b q 3"]:
+        """How much each number of what is mixed counts, in each of the blocks."""
+        model = self.model_at(x)
+        assert isinstance(model, MixedPixels)
+        found = model.mixing(self.coordinates.material(x))
         assert found is not None
-        return found
+        if self.gains is None:
+            return found[None]
+        factors = self.gains.nuisances.factors(self._beside(x))
+        return found * torch.stack([factors[block.photograph] for block in self.blocks])[:, None]
 
     def slope(self, x: Float[Tensor, " x"]) -> Float[Tensor, "p 3 x"]:
         """Derivative of the model; 0 where it is not finite."""
 
         if self.mixes(x):
             assert isinstance(self.model, MixedPixels)
-            found = torch.einsum("pqc,qcx->pcx", self.model.mixed(slice(None)), jacobian(self.mixing, x))
+            slopes = zip(self.blocks, jacobian(self.mixing, x), strict=True)
+            found = torch.cat([torch.einsum("pqc,qcx->pcx", self.model.mixed(b.pixels), each) for b, each in slopes])
         else:
             found = jacobian(self.difference, x)
         return found.nan_to_num(0.0, 0.0, 0.0)
@@ -87,7 +125,8 @@ class Residuals:
 
     def prior(self, x: Float[Tensor, " x"]) -> Float[Tensor, " q"]:
         """What is known before any photograph, of variance 1."""
-        return self.coordinates.prior(x)
+        own = self.coordinates.prior(x)
+        return own if self.gains is None else torch.cat([own, self.gains.nuisances.prior(self._beside(x))])
 
     def __call__(self, x: Float[Tensor, " x"]) -> Float[Tensor, " r"]:
         """The vector whose sum of squares is minimised: three numbers for each pixel, and the prior's."""

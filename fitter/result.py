@@ -240,6 +240,29 @@ class Tolerance(Record):
     rungs: tuple[Rung, ...]
 
 
+class Nuisance(Record):
+    """A factor between radiance and photographs, or the environment's rotation, that was fitted beside the material.
+
+    Attributes:
+        name: the key of the scene file.
+        photograph: its name; None of a factor of all photographs.
+        channel: "red" or "blue" of a white balance, whose green is 1.
+        value, stderr, interval95, determined: as of a material's numbers.
+        before95: where 95 % of its prior lie, which is log-normal, and normal for the rotation.
+        by_surroundings: whether what is seen behind the object told it before the object was looked at.
+    """
+
+    name: Literal["exposure", "white_balance", "scale", "rotation"]
+    photograph: str | None
+    channel: Literal["red", "green", "blue"] | None
+    value: float
+    stderr: NonNegative
+    interval95: Interval
+    determined: bool
+    before95: Interval
+    by_surroundings: bool
+
+
 class Time(Record):
     """Wall-clock seconds of each part; `total` holds start-up and the rest as well."""
 
@@ -264,6 +287,7 @@ class Result(Record):
         message: one sentence for a person, which says why the status is what it is.
         exposure: pixel value per radiance, one for each photograph.
         tolerance: of each material; None, and not in the file, where none was asked for.
+        nuisances: what was fitted beside the material; None, and not in the file, where nothing was asked for.
     """
 
     format: Literal[1] = FORMAT
@@ -277,6 +301,7 @@ class Result(Record):
     time: Time
     inputs: tuple[InputFile, ...]
     tolerance: tuple[Tolerance, ...] | None = None
+    nuisances: tuple[Nuisance, ...] | None = None
 
 
 def write_result(result: Result, path: str | Path) -> None:
@@ -285,7 +310,8 @@ def write_result(result: Result, path: str | Path) -> None:
     Raises:
         InputError: the file cannot be written.
     """
-    data = result.model_dump(mode="json", exclude={"tolerance"} if result.tolerance is None else None)
+    absent = {key for key in ("tolerance", "nuisances") if getattr(result, key) is None}
+    data = result.model_dump(mode="json", exclude=absent)
     text = json.dumps(data, allow_nan=False, ensure_ascii=False, indent=2)
     write_text_atomically(path, _short_lists_on_one_line(text) + "\n")
 

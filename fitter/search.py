@@ -2,97 +2,37 @@
 
 from __future__ import annotations
 
-import functools
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
 
 import torch
-from jaxtyping import Float, Int
+from jaxtyping import Float
 from torch import Tensor
 
 from fitter.catalogue import read_catalogue
 from fitter.condensed import Condensed, condensed, solved
-from fitter.fidelity import BLUR_RANGE, MICROFACET_RANGE, Fidelity
-from fitter.noise import even_whitening, local_whitening, neighbours_of, relative_weight, scatter
+from fitter.fidelity import Fidelity
+from fitter.noise import even_whitening, local_whitening, relative_weight, scatter
+from fitter.nuisances import SCANNED, STEPS, Gains, Turn
 from fitter.parameters import Coordinates, GlossyCoordinates, Interval, MatteCoordinates, MetalCoordinates, tint_of
-from fitter.pixel_model import PixelModel, central
+from fitter.pixel_model import PixelModel
+from fitter.problem import Problem
 from fitter.residuals import Residuals
 from fitter.result import MaterialType
-from fitter.selection import Observations
-from fitter.setting import Setting
-from fitter.solve import ROUGH, Solution, Solver
-from fitter.starts import STARTS
+from fitter.solve import ROUGH, Solution
+from fitter.starts import STARTS, middling
+from fitter.turning import TurnedPixels
 from fitter.uncertainty import unbiased
 from renderer.transport import LightTable
 from shaders import fresnel
 from shaders.materials import Material, Metal
-
-Progress = Callable[[str, float], None]
 
 SEARCH_SCATTER = 0.03  # of the relative difference, while nothing is known of it yet
 EXACT = 1e-6  # least scatter, where photographs are noiseless and there is nothing but the rounding of float32 tables
 MIDWAY = 4  # times the search's samples, between search and last round
 MORE_ROUNDS = 3  # where the roughness runs into an end of the last span
 DIELECTRIC = Interval(1e-3, 0.5)  # reflectance, of an index of 1.065 on; diamond's is 0.17. What mirrors less is matte
-
-
-@dataclass(frozen=True)
-class Problem:
-    """What is to be explained, and by which means.
-
-    Attributes:
-        observed: the pixels.
-        setting: the light, and how accurately to compute it.
-        solver: least squares.
-        progress: told the stage and its share done.
-    """
-
-    observed: Observations
-    setting: Setting
-    solver: Solver
-    progress: Progress
-
-    @property
-    def fidelity(self) -> Fidelity:
-        return self.setting.fidelity
-
-    @property
-    def whole(self) -> tuple[float, float]:
-        """The range of roughness."""
-        return BLUR_RANGE if self.fidelity.blurs else MICROFACET_RANGE
-
-    def table(self, span: tuple[float, float], levels: int, samples: int, stage: str) -> LightTable:
-        report = functools.partial(self.progress, stage)
-        return self.setting.table(self.observed.surface, (*span, levels), samples, report)
-
-    @cached_property
-    def coarse(self) -> Problem:
-        """The same with the search's pixels alone."""
-        every = max(1, round(len(self.observed.radiance) / self.fidelity.search_pixels))
-        return self if every == 1 else replace(self, observed=self.observed[::every])
-
-    @cached_property
-    def neighbours(self) -> Int[Tensor, "p q"]:
-        """Of each pixel, those that are most like it."""
-        return neighbours_of(central(self.observed.surface))
-
-    @cached_property
-    def search_table(self) -> LightTable:
-        """A coarse table over all roughnesses, which all types share."""
-        return self.table(self.whole, self.fidelity.search_levels, self.fidelity.search_samples, "searching")
-
-    @cached_property
-    def _surface(self) -> PixelModel:
-        return self.setting.pixels(self.observed.surface, body=False)
-
-    @cached_property
-    def _body(self) -> PixelModel:
-        return self.setting.pixels(self.observed.surface, body=True)
-
-    def pixels(self, kind: MaterialType) -> PixelModel:
-        """The pixels' model, with what that type calls for and nothing else, and without a table so far."""
-        return self._surface if kind == "metal" else self._body
 
 
 @dataclass(frozen=True)
@@ -117,8 +57,8 @@ class Fit:
 
     @cached_property
     def picture(self) -> Float[Tensor, "p 3"]:
-        """Radiance of the material found, at the observed pixels."""
-        return self.residuals.model.radiance(self.material)
+        """Of the material found, as the photographs would show it at the observed pixels."""
+        return self.residuals.picture(self.x)
 
     @cached_property
     def condensate(self) -> Condensed | None:
@@ -144,17 +84,55 @@ def _last(fits: Iterator[Fit]) -> Fit:
 
 
 def draft(problem: Problem, kind: MaterialType) -> Fit:
-    """A first fit from a start that knows nothing, by a coarse table over all roughnesses, to the search's pixels."""
+    """A first fit from a start that knows nothing, by a coarse table over all roughnesses, to the search's pixels.
+
+    Where the environment's rotation is to be fitted, it is sought among a few, and then nearby.
+    """
     problem = problem.coarse
+    if not problem.scanned:
+        return _draft(problem, kind)
+    costs = [_draft(each, kind).solution.cost for each in problem.scanned]
+    rough = _draft(problem.about(Turn(SCANNED[costs.index(min(costs))], STEPS[0])), kind)
+    return _draft(problem.about(Turn(_degrees(rough), STEPS[0])), kind)
+
+
+def _degrees(fit: Fit) -> float:
+    """By which the environment is turned from where the problem has it."""
+    return float(fit.x[-1])
+
+
+def _facing(problem: Problem, fit: Fit) -> Problem:
+    """The problem with the environment as the fit has it turned, if that is unknown."""
+    return problem if not problem.scanned else problem.about(Turn(_degrees(fit), STEPS[-1]))
+
+
+def _draft(problem: Problem, kind: MaterialType) -> Fit:
     model, seen = problem.pixels(kind), problem.observed.radiance
     if kind != "matte":
         model = model.under(problem.search_table)
-    weight = relative_weight(seen)
-    start = STARTS[kind](model, seen, weight)
+    plain = model.turns[1] if isinstance(model, TurnedPixels) else model
+    gains = _guessed(problem, kind, plain)
+    factors = 1.0 if gains is None else gains.factors(gains.nuisances.start)
+    weight = relative_weight(seen / factors)
+    start = STARTS[kind](plain, seen / factors, weight)
     coordinates = _coordinates(start, model, problem.fidelity)
-    residuals = Residuals(model, coordinates, seen, even_whitening(weight, SEARCH_SCATTER))
-    solution = problem.solver(residuals, coordinates.free(start), ROUGH)
+    residuals = Residuals(model, coordinates, seen, even_whitening(weight / factors, SEARCH_SCATTER), gains)
+    beside = seen.new_zeros(0) if gains is None else gains.nuisances.start
+    solution = problem.solver(residuals, torch.cat([coordinates.free(start), beside]), ROUGH)
     return Fit(residuals, solution, solution.x, solution.seconds)
+
+
+def _guessed(problem: Problem, kind: MaterialType, model: PixelModel) -> Gains | None:
+    """The unknown factors of the pixels, exposures of which nothing is known about those of an object of middling
+    reflectance."""
+    if problem.nuisances is None:
+        return None
+    photograph, seen = problem.observed.place[:, 0], problem.observed.radiance
+    ratio = (seen / model.radiance(middling(kind, model))).clamp_min(torch.finfo(seen.dtype).tiny).log()
+    guess = torch.zeros(problem.nuisances.photographs, 3, dtype=seen.dtype)
+    for each in photograph.unique().tolist():
+        guess[each] = ratio[photograph == each].median()
+    return Gains(problem.nuisances.about(guess), photograph)
 
 
 def refined(problem: Problem, rough: Fit) -> Fit:
@@ -164,10 +142,11 @@ def refined(problem: Problem, rough: Fit) -> Fit:
 
 def anew(problem: Problem, fit: Fit) -> Fit:
     """The fit of a problem next to whose solution another one's lies, by the finest tables alone."""
-    return _last(_finest(problem, fit))
+    return _last(_finest(_facing(problem, fit), fit))
 
 
 def _refinements(problem: Problem, fit: Fit) -> Iterator[Fit]:
+    problem = _facing(problem, fit)
     coarse, fidelity = problem.coarse, problem.fidelity
     samples = min(fidelity.samples, MIDWAY * fidelity.search_samples)
     for factor in fidelity.spans[:-1] if fit.material.type != "matte" else ():
@@ -179,7 +158,12 @@ def _refinements(problem: Problem, fit: Fit) -> Iterator[Fit]:
 
 def _finest(problem: Problem, fit: Fit) -> Iterator[Fit]:
     if fit.material.type == "matte":
-        yield _next_round(problem, fit, None)
+        for _ in range(1 + MORE_ROUNDS):
+            fit = _next_round(problem, fit, None)
+            yield fit
+            if not _turned_away(fit):
+                return
+            problem = _facing(problem, fit)
         return
     fidelity = problem.fidelity
     for _ in range(1 + MORE_ROUNDS):
@@ -187,8 +171,9 @@ def _finest(problem: Problem, fit: Fit) -> Iterator[Fit]:
         table = problem.table(span, fidelity.levels, fidelity.samples, "integrating")
         fit = _next_round(problem, fit, table, everywhere=True)
         yield fit
-        if not _at_an_end(_roughness(fit), span, problem.whole):
+        if not _at_an_end(_roughness(fit), span, problem.whole) and not _turned_away(fit):
             break
+        problem = _facing(problem, fit)
 
 
 def _next_round(problem: Problem, before: Fit, table: LightTable | None, everywhere: bool = False) -> Fit:
@@ -201,21 +186,31 @@ def _next_round(problem: Problem, before: Fit, table: LightTable | None, everywh
     if table is not None:
         coordinates = replace(coordinates, roughness=_interval(table))  # type: ignore[call-arg]
     seen = problem.observed.radiance
-    residuals = Residuals(model, coordinates, seen, _whitening(problem, model.radiance(before.material)))
-    start = coordinates.free(before.material)
+    gains = before.residuals.gains
+    beside = before.x[coordinates.size :]
+    factors, shown = torch.ones_like(seen), model
+    if gains is not None and problem.nuisances is not None:
+        nuisances = replace(gains.nuisances, turn=problem.nuisances.turn)
+        gains = Gains(nuisances, problem.observed.place[:, 0])
+        factors = gains.factors(beside)
+        shown = model.at(nuisances.steps(beside)) if isinstance(model, TurnedPixels) else model
+    whitening = _whitening(problem, shown.radiance(before.material), seen / factors)
+    if gains is not None:
+        whitening = whitening / factors[:, None]
+    residuals = Residuals(model, coordinates, seen, whitening, gains, problem.observed.clusters)
+    start = torch.cat([coordinates.free(before.material), beside])
     starts = [start, *coordinates.elsewhere(start)] if everywhere else [start]
     solution = solved(residuals, starts, problem.solver)
     x = unbiased(residuals, solution.x)
     return Fit(residuals, solution, x, before.solve_seconds + solution.seconds)
 
 
-def _whitening(problem: Problem, picture: Float[Tensor, "p 3"]) -> Float[Tensor, "p 3 3"]:
-    """What is known of the noise from a picture near the photographs.
+def _whitening(problem: Problem, picture: Float[Tensor, "p 3"], seen: Float[Tensor, "p 3"]) -> Float[Tensor, "p 3 3"]:
+    """What is known of the noise from a picture near the photographs, both as radiance.
 
     Where the lobe is the viewer's, which follows no photograph closely, differences tell of the model and not of
     noise: then all photographs' pixels weigh relatively alike.
     """
-    seen = problem.observed.radiance
     if not problem.fidelity.blurs:
         return local_whitening(picture - seen, picture, problem.neighbours, EXACT)
     weight = relative_weight(seen)
@@ -254,6 +249,14 @@ def _span_around(roughness: float, factor: float, whole: tuple[float, float]) ->
     low, high = whole
     centre = min(max(roughness, low * factor), high / factor)
     return centre / factor, centre * factor
+
+
+def _turned_away(fit: Fit) -> bool:
+    """Whether the environment's rotation ran out of the turns between which it is interpolated."""
+    gains = fit.residuals.gains
+    if gains is None or gains.nuisances.turn is None:
+        return False
+    return abs(_degrees(fit) - gains.nuisances.turn.centre) > gains.nuisances.turn.step
 
 
 def _at_an_end(roughness: float, span: tuple[float, float], whole: tuple[float, float]) -> bool:

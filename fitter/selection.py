@@ -22,6 +22,7 @@ ANGLE_BINS = 16
 FEWEST = 8  # one in so many of a photograph's pixels is taken, even if it mirrors the object
 EDGED = 7  # rays along a pixel's side at least where most pixels have an edge inside: a fiftieth of its area each
 MANY = 1 << 20  # pixels of a photograph that are shuffled as a whole
+JPEG_BLOCK = 16  # pixels, of whose colours most cameras keep every second in either direction, in blocks of eight
 CANDIDATES = 4  # per pixel that is wanted, so that the rare grazing ones are among them
 
 
@@ -35,6 +36,8 @@ class Observations:
         self_seeing: share of the candidates that were left out because they mirror the object itself.
         edged: whether most pixels have an edge inside, as facets' are.
         available: how many pixels like these there are, by the share that was fit for use of those looked at.
+        place: photograph, row and column of each; those of one photograph are next to each other.
+        lossy: photographs that are compressed by blocks.
     """
 
     surface: GBuffer
@@ -42,9 +45,21 @@ class Observations:
     self_seeing: float
     edged: bool
     available: int
+    place: Int[Tensor, "p 3"]
+    lossy: frozenset[int] = frozenset()
+
+    @property
+    def clusters(self) -> Int[Tensor, " p"] | None:
+        """Numbers that pixels have in common whose errors go together: of one block of JPEG; None where none do."""
+        if not self.lossy:
+            return None
+        own = torch.stack([torch.zeros(len(self.place)).long(), *self.place.T], 1)
+        blocks = torch.cat([torch.ones(len(own), 1).long(), self.place[:, :1], self.place[:, 1:] // JPEG_BLOCK], 1)
+        lossy = torch.isin(self.place[:, 0], torch.tensor(sorted(self.lossy)))
+        return torch.where(lossy[:, None], blocks, own).unique(dim=0, return_inverse=True)[1]
 
     def __getitem__(self, index: slice) -> Observations:
-        return replace(self, surface=self.surface[index], radiance=self.radiance[index])
+        return replace(self, surface=self.surface[index], radiance=self.radiance[index], place=self.place[index])
 
 
 def choose_pixels(
@@ -98,7 +113,7 @@ def choose_pixels(
             place = (scene_file, f"photographs[{i}].camera")
             candidates = _candidates(photograph, trace, place, CANDIDATES * quota * materials, generator)
             found = [
-                _observe(photograph, trace, candidates, index, quota, along_side, index in kept)
+                _observe(photograph, i, trace, candidates, index, quota, along_side, index in kept)
                 for index in range(materials)
             ]
             if not any(found):
@@ -122,6 +137,8 @@ def _joined(parts: list[Observations], count: int) -> Observations | None:
         sum(part.self_seeing for part in parts) / len(parts),
         any(part.edged for part in parts),
         sum(part.available for part in parts),
+        torch.cat([part.place for part in parts])[:count],
+        frozenset().union(*(part.lossy for part in parts)),
     )
 
 
@@ -169,6 +186,7 @@ def _drawn(count: int, most: int, generator: torch.Generator) -> Int[Tensor, " c
 
 def _observe(
     photograph: Photograph,
+    number: int,
     trace: Tracer,
     candidates: _Candidates,
     material: int,
@@ -193,7 +211,9 @@ def _observe(
     radiance = photograph.radiance[row, column].double()
     self_seeing = float(mirrors_itself.double().mean())
     available = round(len(n_dot_v) * float(taken.double().mean()) / own.share)
-    found = Observations(surface[taken][:quota], radiance, self_seeing, edged, available)
+    place = torch.stack([torch.full_like(row, number), row, column], 1)
+    lossy = frozenset([number] if photograph.lossy else [])
+    found = Observations(surface[taken][:quota], radiance, self_seeing, edged, available, place, lossy)
     return found if len(radiance) else None
 
 

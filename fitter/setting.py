@@ -58,6 +58,11 @@ class Setting:
             fidelity = replace(fidelity, reflectance="lazanyi")
         return replace(self, effects=effects, fidelity=fidelity)
 
+    def turned(self, degrees: float) -> Setting:
+        """The same with the environment turned further about +Y."""
+        environment = replace(self.environment, rotation=self.environment.rotation + degrees)
+        return replace(self, environment=environment)
+
     def pixels(self, surface: GBuffer, body: bool, shown: bool = False) -> PixelModel:
         """The model of pixels [p, k], without a table so far.
 

@@ -55,6 +55,18 @@ def matte(model: PixelModel, photograph: Float[Tensor, "p 3"], weight: Float[Ten
     return Matte(color.clamp(0.02, 0.98), reflectance)
 
 
+def middling(kind: str, model: PixelModel) -> Material:
+    """A material that reflects about half of the light; of what roughness, the median over pixels hardly asks."""
+    half = torch.full((3,), 0.5).double()
+    if kind == "matte":
+        return Matte(half, torch.ones(3).double())
+    roughness = _levels(model)[len(_levels(model)) // 2]
+    if kind == "glossy":
+        return Glossy(half, torch.full((3,), PLASTIC).double(), roughness)
+    one = torch.ones(3).double()
+    return Metal(one, fresnel.extinction(half, one), roughness)
+
+
 STARTS: dict[str, Start] = {"metal": metal, "glossy": glossy, "matte": matte}
 
 

@@ -244,8 +244,8 @@ def _interpolation(fit: Fit) -> Float[Tensor, " x"]:
     if without is None:
         return torch.zeros_like(fit.x)
     whitening = residuals.robust_whitening(fit.x)
-    material = fit.material
-    shift = torch.einsum("prc,pc->pr", whitening, without.radiance(material) - residuals.model.radiance(material))
+    lost = replace(residuals, model=without).picture(fit.x) - residuals.picture(fit.x)
+    shift = torch.einsum("prc,pc->pr", whitening, lost)
     slope = torch.matmul(whitening, residuals.slope(fit.x)).flatten(0, 1)
     prior = jacobian(residuals.prior, fit.x)
     rows, shifts = torch.cat([slope, prior]), torch.cat([shift.flatten(), prior.new_zeros(len(prior))])

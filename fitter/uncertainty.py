@@ -32,6 +32,8 @@ DETERMINED_RELATIVE = {
     "roughness": 0.25,
     "color": 0.05,
     "reflectance": 0.05,
+    "exposure": 0.05,
+    "rotation": 0.0,
 }
 DETERMINED_ABSOLUTE = {
     "n": 0.0,
@@ -41,6 +43,8 @@ DETERMINED_ABSOLUTE = {
     "roughness": 0.02,
     "color": 0.02,
     "reflectance": 0.005,
+    "exposure": 0.0,
+    "rotation": 1.0,
 }
 
 
@@ -90,7 +94,8 @@ def spread(residuals: Residuals, x: Float[Tensor, " x"]) -> Spread:
 
     i counts the m pixels, whose channels share their noise; P is the prior's part of H. Nothing is taken for granted
     but that pixels are independent: the noise may differ between them, and need not be what the weights say. The
-    integration's error is independent between pixels, too, and so is within their scatter.
+    integration's error is independent between pixels, too, and so is within their scatter. Where pixels are known to
+    err together, i counts clusters of them, and g is their sum [Liang & Zeger 1986].
 
     A direction in which nothing is known has a huge but finite variance.
 
@@ -100,6 +105,9 @@ def spread(residuals: Residuals, x: Float[Tensor, " x"]) -> Spread:
     """
     halves = _Halves.at(x, residuals, residuals.robust_whitening(x))
     scores, information = halves.scores, halves.information
+    if residuals.clusters is not None:
+        sums = scores.new_zeros(int(residuals.clusters.max()) + 1, scores.shape[1])
+        scores = sums.index_add(0, residuals.clusters, scores)
     freedom = len(scores) / max(1, len(scores) - len(x))
     inverse = _inverse(information)
     scattered = scores.T @ scores * freedom + halves.of_prior.T @ halves.of_prior

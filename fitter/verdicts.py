@@ -33,6 +33,7 @@ class Seen:
         noise: scatter of photograph over fit among the pixels beyond 60°, or among all where these are few; red, green,
             blue.
         f0_only: whether the reflectance was one that n and k enter through F0 alone.
+        guessed: what was fitted beside the material and is not determined, in words.
     """
 
     pixels: int
@@ -40,9 +41,10 @@ class Seen:
     steepest: float
     noise: tuple[float, float, float]
     f0_only: bool
+    guessed: tuple[str, ...] = ()
 
 
-def seen_by(fit: Fit, observed: Observations) -> Seen:
+def seen_by(fit: Fit, observed: Observations, guessed: tuple[str, ...] = ()) -> Seen:
     """What the photographs offered to the fit."""
     cosine = observed.surface.n_dot_v.double().flatten(1).mean(1)
     angle = torch.rad2deg(torch.acos(cosine.clamp(0, 1)))
@@ -51,9 +53,8 @@ def seen_by(fit: Fit, observed: Observations) -> Seen:
     level = torch.maximum(fit.picture, darkest(observed.radiance))  # of a fit that is black nothing is a share
     ratio = ((observed.radiance - fit.picture) / level)[told]
     red, green, blue = ratio.abs().quantile(ONE_SIGMA, 0).tolist()
-    return Seen(
-        len(angle), int(beyond.sum()), float(angle.max()), (red, green, blue), sees_f0_only(fit.residuals.coordinates)
-    )
+    f0_only = sees_f0_only(fit.residuals.coordinates)
+    return Seen(len(angle), int(beyond.sum()), float(angle.max()), (red, green, blue), f0_only, guessed)
 
 
 def sees_f0_only(coordinates: Coordinates) -> bool:
@@ -111,8 +112,10 @@ def _open(material: FittedMaterial, key: str) -> list[tuple[int | None, tuple[fl
 
 def _reason(key: str, channel: int | None, material: FittedMaterial, seen: Seen) -> str:
     """The first that applies."""
-    if key in ("n", "k") and channel is not None:
+    if key in ("n", "k") and channel is not None and (seen.f0_only or not seen.guessed):
         return _reason_of_index(channel, material, seen)
+    if key != "alpha" and seen.guessed:
+        return f"{_listed(list(seen.guessed))} not known, the object may as well reflect more or less light"
     if seen.pixels < FEW:
         return f"only {seen.pixels} pixels show it"
     return _noise(max(seen.noise) if channel is None else seen.noise[channel])

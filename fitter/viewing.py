@@ -243,7 +243,8 @@ def _surroundings(options: ViewOptions) -> Surroundings:
         return surroundings(named_environment(options.env or "studio", options.rotation), lights, options.ambient)
     scene = read_scene(options.photograph)
     spec = scene.environment
-    environment = read_environment(spec.map, spec.rotation + options.rotation, spec.scale)
+    rotation, scale = spec.start
+    environment = read_environment(spec.map, rotation + options.rotation, scale)
     return surroundings(environment, lights or scene.lights, options.ambient)
 
 

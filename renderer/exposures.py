@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
 
@@ -17,8 +17,10 @@ from renderer.errors import InputError
 from renderer.exif import relative_exposure
 from renderer.images import Image, decoded, read_image
 from renderer.response import CODES, Curve, fitted_response, through
-from renderer.scene import FITTED, PhotographSpec
+from renderer.scene import PhotographSpec
+from renderer.unknown import FITTED
 
+NEUTRAL = (1.0, 1.0, 1.0)
 TRIED = 20000  # pixels of a view, of which the curve is fitted to some that differ
 
 
@@ -32,7 +34,8 @@ class Exposed:
         alpha: coverage in [0, 1], [h, w]; None where the file has no such channel.
         finite: pixels without NaN or infinity, [h, w].
         clipped: pixels that no exposure holds unclipped, or that have such neighbours, [h, w].
-        exposure: what the pixels were divided by, 1 for a merged one; "fit" where it is unknown, and 1 was taken.
+        exposure: what the pixels were divided by, 1 for a merged one; "fit" where it is unknown, and 1 was taken. A
+            white balance that is known was divided by, too.
     """
 
     radiance: Float[Tensor, "h w 3"]
@@ -43,11 +46,18 @@ class Exposed:
 
 
 def expose(spec: PhotographSpec) -> Exposed:
-    """Read the image or images of a photograph.
+    """Read the image or images of a photograph, as radiance but for what of exposure and white balance is unknown.
 
     Raises:
         InputError: a file cannot be read, has no EXIF where that is asked for, or another size than the first one.
     """
+    seen = _exposed(spec)
+    if spec.white_balance in (FITTED, NEUTRAL):
+        return seen
+    return replace(seen, radiance=seen.radiance / torch.tensor(spec.white_balance))
+
+
+def _exposed(spec: PhotographSpec) -> Exposed:
     files = spec.images or (spec.image,)
     if spec.exposure == "fit":
         return _single(read_image(spec.image, spec.encoding), 1.0, "fit")

@@ -13,6 +13,7 @@ from jaxtyping import Float
 from pydantic import (
     AfterValidator,
     Field,
+    PlainSerializer,
     PlainValidator,
     PositiveFloat,
     Strict,
@@ -27,14 +28,18 @@ from renderer.errors import InputError
 from renderer.images import ENCODING, ENCODING_HELP
 from renderer.lens_spec import LensSpec
 from renderer.mesh import Shape, Sphere, read_mesh
-
-SMALLEST, LARGEST = 1e-12, 1e12  # of factors on radiances, which are of the order of 1 and float32
-
-
-def _factor(value: float) -> float:
-    if not SMALLEST <= value <= LARGEST:
-        raise unexpected(f"a number from {SMALLEST:g} to {LARGEST:g}")
-    return value
+from renderer.unknown import (
+    FITTED,
+    LARGEST,
+    Exposure,
+    WhiteBalance,
+    exposure_or_word,
+    fit_or_nothing,
+    rotation_or_fit,
+    scale_or_fit,
+    turn_of,
+    white_balance_or_fit,
+)
 
 
 class GeometrySpec(Checked):
@@ -52,11 +57,19 @@ class GeometrySpec(Checked):
 
 
 class EnvironmentSpec(Checked):
-    """`[environment]`: map file or folder of six faces, degrees about +Y, and a factor on the radiance."""
+    """`[environment]`: map file or folder of six faces, degrees about +Y, and a factor on the radiance.
+
+    Either may be "fit"; "fit:90" seeks the rotation near 90 degrees.
+    """
 
     map: ExistingPath
-    rotation: Annotated[float, Field(ge=-1e6, le=1e6)] = 0.0
-    scale: Annotated[float, AfterValidator(_factor)] = 1.0
+    rotation: Annotated[float | str, PlainValidator(rotation_or_fit)] = 0.0
+    scale: Annotated[float | Literal["fit"], PlainValidator(scale_or_fit)] = 1.0
+
+    @property
+    def start(self) -> tuple[float, float]:
+        """Rotation and scale, or where the fit of one that is not known begins."""
+        return turn_of(self.rotation)[0], 1.0 if self.scale == FITTED else self.scale
 
 
 def _nonzero(direction: tuple[float, float, float]) -> tuple[float, float, float]:
@@ -129,29 +142,13 @@ class CameraSpec(Checked):
         return look_at(origin, target, up)
 
 
-FITTED = "fit"  # an encoding: the camera's curve, by several exposures
-
-
 def _known_encoding(encoding: str) -> str:
     if encoding != FITTED and not ENCODING.fullmatch(encoding):
         raise unexpected(ENCODING_HELP)
     return encoding
 
 
-Exposure = float | Literal["fit", "exif"] | tuple[float, ...]
-
-
-def _exposure(value: Any) -> Exposure:
-    if isinstance(value, list | tuple):
-        if value and all(map(_is_factor, value)):
-            return tuple(value)
-    elif value in ("fit", "exif") or _is_factor(value):
-        return value
-    raise unexpected(f'a number from {SMALLEST:g} to {LARGEST:g}, or "fit", or "exif", or a list beside images')
-
-
-def _is_factor(value: Any) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool) and SMALLEST <= value <= LARGEST
+AS_IT_IS = PlainSerializer(lambda value: value, return_type=Any)  # pydantic would warn of a tuple among other types
 
 
 class PhotographSpec(Checked):
@@ -165,7 +162,8 @@ class PhotographSpec(Checked):
     images: Annotated[tuple[ExistingFile, ...], Strict(False)] = ()
     mask: ExistingFile | None = None
     encoding: Annotated[str, AfterValidator(_known_encoding)] | None = None
-    exposure: Annotated[Exposure, PlainValidator(_exposure)] = 1.0
+    exposure: Annotated[Exposure, PlainValidator(exposure_or_word), AS_IT_IS] = 1.0
+    white_balance: Annotated[WhiteBalance, PlainValidator(white_balance_or_fit), AS_IT_IS] = (1.0, 1.0, 1.0)
     camera: CameraSpec
 
     @model_validator(mode="before")
@@ -205,14 +203,37 @@ class MaterialSpec(Checked):
 
 
 class Scene(Checked):
-    """A whole scene file. Every path is joined to the file's folder, and every photograph has its camera."""
+    """A whole scene file. Every path is joined to the file's folder, and every photograph has its camera.
+
+    `exposure` and `white_balance` are "fit" where one factor on all photographs is to be fitted, beside their own.
+    """
 
     cameras: ExistingPath | None = None
+    exposure: Annotated[Literal["fit"] | None, PlainValidator(fit_or_nothing)] = None
+    white_balance: Annotated[Literal["fit"] | None, PlainValidator(fit_or_nothing)] = None
     geometry: GeometrySpec
     environment: EnvironmentSpec
     lights: Annotated[tuple[LightSpec, ...], Strict(False)] = ()
     photographs: Annotated[tuple[PhotographSpec, ...], Strict(False), Field(min_length=1)]
     materials: Annotated[tuple[MaterialSpec, ...], Strict(False)] = ()
+
+    @model_validator(mode="after")
+    def _one_unknown_factor(self) -> Scene:
+        for key in ("exposure", "white_balance"):
+            if getattr(self, key) == FITTED and all(getattr(each, key) == FITTED for each in self.photographs):
+                raise unexpected("it here or in each of the photographs, not both", key=key, value=FITTED)
+        if self.environment.scale != FITTED:
+            return self
+        if self.exposure == FITTED or all(each.exposure == FITTED for each in self.photographs):
+            raise unexpected(
+                "a number: exposures are fitted, and twice the one is half the other",
+                key="environment.scale",
+                value=FITTED,
+            )
+        if self.lights:
+            expected = 'a number, and exposure = "fit" at the top: the [[lights]] would stay as they are'
+            raise unexpected(expected, key="environment.scale", value=FITTED)
+        return self
 
 
 def read_scene(path: str | Path) -> Scene:

@@ -178,6 +178,32 @@ def test_a_wrong_exposure_is_not_hidden(iron, tmp_path):
     assert result.quality.overall.rms_relative > 0.3
 
 
+def test_a_wrong_exposure_is_found_where_it_is_fitted(iron, iron_result, tmp_path):
+    """Told half of what it was, the one factor of all photographs is 2, which iron's curve tells to some per cent:
+    its reflectance at grazing angles is 1 whatever the exposure: of pixels there the rays' angles count. F0 is known
+    less well than where nothing is fitted."""
+    scene = iron.with_name("unknown.toml")
+    scene.write_text('exposure = "fit"\n' + iron.read_text().replace("exposure = 1.0", "exposure = 0.5"))
+    fidelity = replace(FIDELITY, footprint=PRESETS["standard"].footprint)
+    result = fit_scene(scene, tmp_path / "out", FitOptions(fidelity, type="metal"))
+    assert result.nuisances is not None
+    (record,) = result.nuisances
+    assert (record.name, record.photograph, record.by_surroundings) == ("exposure", None, False)
+    assert record.interval95[0] < 2 < record.interval95[1]
+    assert result.exposure == pytest.approx([0.5 * record.value] * 3)
+    truth = truth_of(scene)["f0"]
+    material, plain = result.materials[0], iron_result.materials[0]
+    assert material.interval95.f0 is not None
+    assert plain.interval95.f0 is not None
+    for (low, high), (least, most), true in zip(material.interval95.f0, plain.interval95.f0, truth, strict=True):
+        assert low < true < high
+        assert high - low > 1.5 * (most - least)
+    assert read_result(tmp_path / "out" / "result.json") == result
+    assert "Fitted beside the material" in (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
+    assert result.quality.overall.rms_relative < 0.05  # the pictures are in the photographs' exposure
+    assert iron_result.nuisances is None
+
+
 @pytest.mark.parametrize("device", ["nonsense", "meta", "cuda:99", ""])
 def test_devices_that_are_not_there(iron, tmp_path, device):
     with pytest.raises(InputError, match=r"^--device: .*expected one that torch can use here: cpu"):

@@ -11,11 +11,12 @@ from test_result import gold, result
 
 from fitter.catalogue import metal
 from fitter.curves import Curve, reflectance_curve
+from fitter.outliers import OutlierMap
 from fitter.parameters import Interval, MetalCoordinates
 from fitter.pictures import LONGEST_SIDE, comparison_png, tiles
 from fitter.reflectances import exact_reflectance, viewer_reflectance
 from fitter.report import ViewPictures, render_report
-from fitter.result import Determined, FittedMaterial, FromPrior, Nearest, Quality, Share
+from fitter.result import Determined, FittedMaterial, FromPrior, Nearest, Nuisance, Quality, Share
 from fitter.uncertainty import Spread
 from shaders import fresnel
 from shaders.materials import Metal
@@ -233,3 +234,35 @@ def test_numbers_of_the_catalogue_are_marked():
     assert html.count("from the catalogue") == 1
     assert html.index("1.4") < html.index("from the catalogue") < html.index("extinction coefficient")
     assert "from the catalogue" not in page_of(result())
+
+
+def test_what_the_fit_does_not_explain_is_shown():
+    """A spot in the middle: the fit darker by 20 σ, the blue end of the scale, and without weight."""
+    seen = view()
+    deviation, weight = np.zeros(seen.mask.shape), np.ones(seen.mask.shape)
+    deviation[10:14, 10:14], weight[10:14, 10:14] = -20.0, 0.0
+    spotted = OutlierMap("a.exr", seen.photograph, deviation, weight, seen.mask, 0.03)
+    page = Page(render_report(result(), [], [flat_curve()], outliers=[spotted]))
+    _, deviations, weights = (decoded(uri) for uri in page.images)
+    assert deviations[12, 12, 2] > deviations[12, 12, 0] + 50
+    assert np.ptp(deviations[5, 5, :3].astype(int)) < 10  # no deviation is white
+    assert deviations[0, 0, 3] == 0  # nothing outside the mask
+    assert weights[12, 12, :3].astype(int).sum() < weights[5, 5, :3].astype(int).sum() - 300
+    assert "3 % beyond 6 σ" in "".join(page.text)
+
+
+def test_what_was_fitted_beside_the_material_is_shown():
+    record = Nuisance(
+        name="white_balance",
+        photograph="view_0",
+        channel="red",
+        value=1.41,
+        stderr=0.02,
+        interval95=(1.37, 1.45),
+        determined=True,
+        before95=(0.55, 1.8),
+        by_surroundings=True,
+    )
+    text = " ".join("".join(Page(page_of(result(nuisances=(record,)))).text).split())
+    assert "white balance, red view_0 1.41 ± 0.02 1.37 … 1.45 0.55 … 1.8, by what is seen behind the object" in text
+    assert "Fitted beside the material" not in page_of(result())

@@ -63,7 +63,8 @@ def problem_of(truth: Material, surface: GBuffer, light: Environment, fidelity: 
     """The problem of finding a material from a picture that the model itself makes, with other samples."""
     making = Setting(light, (), replace(fidelity, **made), seed=5)
     seen = making.radiance(truth, surface, making.fidelity.samples)
-    observed = Observations(surface, seen, self_seeing=0.0, edged=False, available=len(seen))
+    place = torch.zeros(len(seen), 3, dtype=torch.long)
+    observed = Observations(surface, seen, self_seeing=0.0, edged=False, available=len(seen), place=place)
     return Problem(observed, Setting(light, (), fidelity), SOLVERS["lm"], quiet)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -202,3 +203,14 @@ def test_each_material_gets_its_own_pixels():
 def test_a_photograph_of_which_no_pixel_is_whole_is_refused():
     with pytest.raises(InputError, match="covers wholly"):
         choose(photograph((0.0, 0.0, 150.0)))
+
+
+def test_blocks_of_jpeg_err_together():
+    """Of two photographs, the second in blocks of 16: its pixels that share one, and no others, have one number."""
+    place = torch.tensor([[0, 0, 0], [0, 0, 1], [1, 0, 0], [1, 15, 15], [1, 0, 16], [1, 16, 0]])
+    observed = replace(choose(photograph()), place=place)
+    assert observed.clusters is None
+    found = replace(observed, lossy=frozenset([1])).clusters
+    assert found is not None
+    assert found[2] == found[3]
+    assert len(found.unique()) == 5

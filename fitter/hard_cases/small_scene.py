@@ -125,7 +125,8 @@ def told(
     """A fit with its errors, verdicts and status, as `result.json` would have them."""
     fit = fitted(residuals, at, steps)
     chosen = torch.arange(PIXELS) if pixels is None else pixels
-    observed = Observations(surface()[chosen], residuals.photograph, 0.0, False, len(chosen))
+    place = torch.zeros(len(chosen), 3, dtype=torch.long)
+    observed = Observations(surface()[chosen], residuals.photograph, 0.0, False, len(chosen), place)
     material = fitted_material("ball", fit, spread(residuals, fit.x), ViewerRoughness(0.8, 0.1), ())
     choice = Choice(fit, {"metal": 0.0})
     return Told(fit, material, status_of([choice], [material]), describe(choice, material, seen_by(fit, observed)))

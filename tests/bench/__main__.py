@@ -18,6 +18,7 @@ from tests.bench import (
     batch,
     budget,
     coverage,
+    degraded,
     frame,
     grid,
     hard_cases,
@@ -71,6 +72,7 @@ def parts(asked: argparse.Namespace) -> Parts:
         "recovery-coverage": ("Coverage of the intervals", partial(coverage.rows, selection=whole)),
         "budget": ("What each error of the model moves", budget.rows),
         "types": ("Recovery and choice of the type", types.rows),
+        "degraded": ("Photographs as cameras make them", partial(degraded.rows, how=whole.how, repeats=repeats or 1)),
         "types-4096": ("Recovery and choice of the type, less noise", partial(types.rows, spp=4096)),
         "loop": ("From photographs to the viewer's picture", loop.rows),
         "parity": ("GLSL against torch", parity.rows),
@@ -129,8 +131,8 @@ def _arguments() -> argparse.Namespace:
 
     names = [axis.name for axis in scaling.AXES]
     told = (
-        "draws of noise for the coverage; of throughput, of tolerance's whole commands, of accuracy's rungs; rounds of"
-        f" batch; runs of scaling, of which 1 is quick and {scaling.MOST_REPEATS} are the most"
+        "draws of noise for coverage and degraded; of throughput, of tolerance's whole commands, of accuracy's rungs;"
+        f" rounds of batch; runs of scaling, of which 1 is quick and {scaling.MOST_REPEATS} are the most"
     )
     parser = argparse.ArgumentParser("python -m tests.bench", description=__doc__)
     parser.add_argument("parts", nargs="*", metavar="PART")

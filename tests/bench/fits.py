@@ -59,6 +59,15 @@ def attempt(scene: Path, how: How) -> Result | str:
         return " ".join(f"{type(error).__name__}: {error}".split())
 
 
+def attempt_anew(scene: Path, how: How, seed: int = 0) -> Result | str:
+    """The same without a look at what is kept, for photographs that are made for one fit."""
+    try:
+        with tempfile.TemporaryDirectory() as folder:
+            return fit_scene(scene, Path(folder), how.options(seed))
+    except Exception as error:
+        return " ".join(f"{type(error).__name__}: {error}".split())
+
+
 def in_processes(work: Callable[[Item], Made], items: Iterable[Item], jobs: int) -> Iterator[Made]:
     """`map`, by so many processes at a time; in this one where they are 1."""
     if jobs == 1:

@@ -1,0 +1,106 @@
+"""What a fit is to explain, and by which means: pixels, light, and the tables that rounds of least squares ask for."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+
+from jaxtyping import Int
+from torch import Tensor
+
+from fitter.fidelity import BLUR_RANGE, MICROFACET_RANGE, Fidelity
+from fitter.noise import neighbours_of
+from fitter.nuisances import SCANNED, Nuisances, Turn
+from fitter.pixel_model import PixelModel, central
+from fitter.result import MaterialType
+from fitter.selection import Observations
+from fitter.setting import Setting
+from fitter.solve import Solver
+from fitter.turning import TURNS, joined, turned
+from renderer.transport import LightTable
+
+Progress = Callable[[str, float], None]
+
+
+@dataclass(frozen=True)
+class Problem:
+    """What is to be explained, and by which means.
+
+    Attributes:
+        observed: the pixels.
+        setting: the light, and how accurately to compute it.
+        solver: least squares.
+        progress: told the stage and its share done.
+        nuisances: what is unknown beside the material; None where nothing is.
+    """
+
+    observed: Observations
+    setting: Setting
+    solver: Solver
+    progress: Progress
+    nuisances: Nuisances | None = field(default=None, kw_only=True)
+
+    @property
+    def settings(self) -> tuple[Setting, ...]:
+        """The light as it is; or under the turns of the environment between which its rotation is fitted."""
+        turn = None if self.nuisances is None else self.nuisances.turn
+        if turn is None:
+            return (self.setting,)
+        return tuple(self.setting.turned(turn.centre + each * turn.step) for each in TURNS)
+
+    def about(self, turn: Turn) -> Problem:
+        """The same with the environment's rotation to be fitted there."""
+        assert self.nuisances is not None
+        return replace(self, nuisances=replace(self.nuisances, turn=turn))
+
+    @cached_property
+    def scanned(self) -> tuple[Problem, ...]:
+        """Where the environment's rotation is to be fitted: the same with each of a few, which is not; else none."""
+        if self.nuisances is None or self.nuisances.turn is None:
+            return ()
+        rest = self.nuisances.without_turn()
+        return tuple(replace(self, setting=self.setting.turned(each), nuisances=rest) for each in SCANNED)
+
+    @property
+    def fidelity(self) -> Fidelity:
+        return self.setting.fidelity
+
+    @property
+    def whole(self) -> tuple[float, float]:
+        """The range of roughness."""
+        return BLUR_RANGE if self.fidelity.blurs else MICROFACET_RANGE
+
+    def table(self, span: tuple[float, float], levels: int, samples: int, stage: str) -> LightTable:
+        report = functools.partial(self.progress, stage)
+        asked = (self.observed.surface, (*span, levels), samples, report)
+        return joined([setting.table(*asked) for setting in self.settings])
+
+    @cached_property
+    def coarse(self) -> Problem:
+        """The same with the search's pixels alone."""
+        every = max(1, round(len(self.observed.radiance) / self.fidelity.search_pixels))
+        return self if every == 1 else replace(self, observed=self.observed[::every])
+
+    @cached_property
+    def neighbours(self) -> Int[Tensor, "p q"]:
+        """Of each pixel, those that are most like it."""
+        return neighbours_of(central(self.observed.surface))
+
+    @cached_property
+    def search_table(self) -> LightTable:
+        """A coarse table over all roughnesses, which all types share."""
+        return self.table(self.whole, self.fidelity.search_levels, self.fidelity.search_samples, "searching")
+
+    @cached_property
+    def _surface(self) -> PixelModel:
+        return turned([setting.pixels(self.observed.surface, body=False) for setting in self.settings])
+
+    @cached_property
+    def _body(self) -> PixelModel:
+        return turned([setting.pixels(self.observed.surface, body=True) for setting in self.settings])
+
+    def pixels(self, kind: MaterialType) -> PixelModel:
+        """The pixels' model, with what that type calls for and nothing else, and without a table so far."""
+        return self._surface if kind == "metal" else self._body
