@@ -63,6 +63,10 @@ def fit(
     polish: Annotated[
         bool, typer.Option("--polish", help="Fit metals once more with Mitsuba's paths: interreflection. Needs LLVM.")
     ] = False,
+    refine_pose: Annotated[
+        bool,
+        typer.Option("--refine-pose", help="Mend poses that are off by up to 2° and 1 %, by outlines and pixels."),
+    ] = False,
     with_: With = None,
     without: Without = None,
     solver: Annotated[SolverName, typer.Option(help="Least squares by which method.")] = SolverName.lm,
@@ -80,7 +84,8 @@ def fit(
     _require_free(tolerance, {key: numbers[key] for key in ("samples", "pixels", "levels")})
     chosen = (type_.value, accuracy, prior.value, solver.value)
     effects = (tuple(with_ or ()), tuple(without or ()))
-    code = _fit(scene, out, *chosen, seed, device, quiet, polish=polish, tolerance=tolerance, effects=effects)
+    also = {"polish": polish, "tolerance": tolerance, "effects": effects, "refine_pose": refine_pose}
+    code = _fit(scene, out, *chosen, seed, device, quiet, **also)
     raise typer.Exit(code)
 
 
@@ -120,13 +125,14 @@ def _fit(
     polish: bool = False,
     tolerance: float | None = None,
     effects: tuple[tuple[str, ...], tuple[str, ...]] = ((), ()),
+    refine_pose: bool = False,
 ) -> int:
     with progress_bar(quiet) as progress:
         progress("starting", 0)
         from fitter.pipeline import FitOptions, fit_scene
 
         command = shlex.join(["fit-material", *sys.argv[1:]])
-        told = (solver, seed, device, command, kind, prior, polish, tolerance, *effects)
+        told = (solver, seed, device, command, kind, prior, polish, tolerance, *effects, refine_pose)
         options = FitOptions(fidelity, *told)  # type: ignore[arg-type] — PriorName's
         result = fit_scene(scene, out, options, progress, begun)
     _print_result(result, out)

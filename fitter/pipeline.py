@@ -21,6 +21,8 @@ from fitter.mtl import ordinary_mtl, thesis_mtl
 from fitter.parts import FittedPart, Progress, painted
 from fitter.planned_fit import PlannedFit, fit_planned
 from fitter.polish import require_polishable
+from fitter.pose_file import transforms_json
+from fitter.pose_refinement import RefinedPoses, pose_fidelity, refine_poses
 from fitter.quality import ViewPictures
 from fitter.reflectances import REFLECTANCES
 from fitter.report import comparison_png, render_report
@@ -74,22 +76,35 @@ def fit_scene(
     with one_thread_per_operation(), replaced_together(out) as folder:
         trace = gbuffer.tracer(loaded.shape)
         setting = setting_of(loaded, options, device)
+        refined = _refined(loaded, trace, options, device, progress, scene_file) if options.refine_pose else None
+        loaded = loaded if refined is None else refined.loaded
         planned = fit_planned(loaded, trace, setting, options, progress, scene_file)
         parts = planned.parts
         solving = sum(part.choice.fit.solve_seconds for part in parts)
         clock = _Clock(began, read, time.perf_counter(), loaded.photographs.seconds, solving)
         progress("writing the report", 0)
         views = _views(loaded, trace, parts)
-        result = _result(loaded, planned, views, clock)
+        result = _result(loaded, planned, views, clock, refined)
         alone = strips(planned, loaded.photographs.thumbnails[0], trace)
         page = render_report(result, views, [_curve(part) for part in parts], alone, command=options.command)
         write_text_atomically(folder / "report.html", page)
         write_bytes_atomically(folder / "comparison.png", comparison_png(views))
         write_text_atomically(folder / f"{loaded.name}.thesis.mtl", thesis_mtl(result.materials))
         write_text_atomically(folder / f"{loaded.name}.mtl", ordinary_mtl(result.materials))
+        moved = None if refined is None else transforms_json(loaded)
+        if moved is not None:
+            write_text_atomically(folder / f"{loaded.name}.transforms.json", moved)
         result = result.model_copy(update={"time": clock.now()})  # the page cannot know how long it took itself
         write_result(result, folder / "result.json")
     return result
+
+
+def _refined(
+    loaded: Loaded, trace: Tracer, options: FitOptions, device: torch.device, progress: Progress, scene_file: Path
+) -> RefinedPoses:
+    """The scene with its cameras where they stood, found in light that is exact whatever the fit's is."""
+    exactly = replace(options, fidelity=pose_fidelity(options.fidelity))
+    return refine_poses(loaded, trace, setting_of(loaded, exactly, device), options, progress, scene_file)
 
 
 def setting_of(loaded: Loaded, options: FitOptions, device: torch.device) -> Setting:
@@ -158,13 +173,14 @@ def _remarks(loaded: Loaded, parts: Sequence[FittedPart], fidelity: Fidelity) ->
     return remarks
 
 
-def _message(loaded: Loaded, planned: PlannedFit, fidelity: Fidelity) -> str:
-    """What there is to say of each material, of the plan, and of the input."""
+def _message(loaded: Loaded, planned: PlannedFit, fidelity: Fidelity, refined: RefinedPoses | None) -> str:
+    """What there is to say of each material, of the plan, of the cameras, and of the input."""
     parts = planned.parts
     told = [part.told for part in parts]
     if len(loaded.materials) > 1:
         told = [f"{part.material.name}: {sentences}" for part, sentences in zip(parts, told, strict=True)]
-    return " ".join([*told, *planned.told, *_remarks(loaded, parts, fidelity)])
+    moved = [] if refined is None else [refined.told]
+    return " ".join([*told, *planned.told, *moved, *_remarks(loaded, parts, fidelity)])
 
 
 def _views(loaded: Loaded, trace: Tracer, parts: Sequence[FittedPart]) -> list[ViewPictures]:
@@ -188,7 +204,13 @@ def _views(loaded: Loaded, trace: Tracer, parts: Sequence[FittedPart]) -> list[V
     return views
 
 
-def _result(loaded: Loaded, planned: PlannedFit, views: Sequence[ViewPictures], clock: _Clock) -> Result:
+def _result(
+    loaded: Loaded,
+    planned: PlannedFit,
+    views: Sequence[ViewPictures],
+    clock: _Clock,
+    refined: RefinedPoses | None,
+) -> Result:
     parts = planned.parts
     setting, materials = parts[0].setting, tuple(part.material for part in parts)
     fidelity = setting.fidelity
@@ -197,7 +219,7 @@ def _result(loaded: Loaded, planned: PlannedFit, views: Sequence[ViewPictures], 
     polish = any(part.polish is not None for part in parts)
     return Result(
         status=status_of([part.choice for part in parts], materials),
-        message=_message(loaded, planned, fidelity),
+        message=_message(loaded, planned, fidelity, refined),
         materials=materials,
         quality=quality.assess(views),
         exposure=tuple(exposure),
@@ -215,4 +237,5 @@ def _result(loaded: Loaded, planned: PlannedFit, views: Sequence[ViewPictures], 
         time=clock.now(),
         inputs=loaded.inputs,
         tolerance=tuple(part.tolerance for part in parts if part.tolerance is not None) or None,
+        cameras=None if refined is None else refined.cameras,
     )
