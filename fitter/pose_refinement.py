@@ -26,8 +26,9 @@ from renderer.occlusion import occluder
 from renderer.pose import DEGREES, SHARE, Pose
 
 MOST_DEGREES, MOST_SHARE = 5.0, 0.03  # beyond them a pose is no small error any more
-EFFORTS = ((1500, 256, 5), (6000, 512, 3))  # pixels of all photographs, directions of each, and rounds at most
-STILL = 0.3  # standard errors of each number, below which a step ends the rounds
+EFFORTS = ((500, 256, 3), (2000, 1024, 2))  # pixels of each photograph, directions of each, and rounds at most
+MOST_PIXELS = 40000  # of all photographs
+STILL = 1.0  # standard errors of each number, below which a step ends the rounds: noise moves them by as much
 
 
 @dataclass(frozen=True)
@@ -125,7 +126,8 @@ def _by_pixels(scene: _Scene, poses: list[Pose], progress: Progress) -> tuple[li
     """Poses and their covariance, by more pixels from effort to effort."""
     covariance = torch.eye(6 * len(poses)).double()
     kinds = kinds_of(scene.loaded, scene.options)
-    for pixels, samples, rounds in EFFORTS:
+    for of_each, samples, rounds in EFFORTS:
+        pixels = min(of_each * len(poses), MOST_PIXELS)
         setting = replace(scene.setting, fidelity=replace(scene.setting.fidelity, pixels=pixels, samples=samples))
         shown = scene.pixels(poses, pixels, setting)
         fits: dict[int, Fit] = {}

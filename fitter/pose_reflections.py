@@ -144,7 +144,7 @@ def informed(
     whitening = fit.residuals.robust_whitening(fit.x)
     difference = torch.einsum("prc,pc->pr", whitening, fit.residuals.difference(fit.x))
     by_material = whitening @ fit.residuals.slope(fit.x)
-    halves = whitening @ _slopes(shown, surface, poses, trace, setting, fit.material, progress)
+    halves = whitening @ slopes(shown, surface, poses, trace, setting, fit.material, progress)
     by_pose, photograph = halves.mean(0), shown.photograph
 
     def gathered(each: Tensor) -> Tensor:
@@ -162,7 +162,7 @@ def informed(
     return Information(products(by_pose, by_pose) - shared, products(*halves) - shared, gradient, fit)
 
 
-def _slopes(
+def slopes(
     shown: Shown,
     surface: GBuffer,
     poses: Sequence[Pose],

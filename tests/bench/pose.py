@@ -13,8 +13,7 @@ from jaxtyping import Float
 
 from fitter.result import FittedMaterial, Result
 from renderer.atomic import replaced_together
-from renderer.mesh import Shape
-from renderer.pose import DEGREES, SHARE, Pose
+from renderer.pose import DEGREES, SHARE, Motion, Pose
 from renderer.scene import Scene, camera_of, read_scene, read_shape
 from renderer.synth import SynthOptions
 from renderer.truth import TrueGlossy
@@ -146,19 +145,25 @@ def misplaced(scene_file: Path, degrees: float, share: float) -> Path:
     """The scene file of the same photographs with cameras that are off; each otherwise, and alike in every run."""
     folder = CACHE / f"{scene_file.parent.name}-off-{degrees:g}-{share:g}"
     scene = read_scene(scene_file)
+    motions = [_by_chance(index, degrees, share) for index in range(len(scene.photographs))]
     with replaced_together(folder, last="scene.toml") as made:
         (made / "truth.json").write_bytes(scene_file.with_name("truth.json").read_bytes())
-        (made / "scene.toml").write_text(_toml(scene, read_shape(scene.geometry), degrees, share), encoding="utf-8")
+        (made / "scene.toml").write_text(placed_otherwise(scene, motions), encoding="utf-8")
     return folder / "scene.toml"
 
 
-def _toml(scene: Scene, shape: Shape, degrees: float, share: float) -> str:
+def _by_chance(index: int, degrees: float, share: float) -> Motion:
+    chance = np.random.default_rng([index, round(100 * degrees)]).standard_normal((2, 3))
+    turn, shift = torch.from_numpy(chance / np.linalg.norm(chance, axis=1, keepdims=True))
+    return torch.cat([turn * degrees / DEGREES, shift * share / SHARE])
+
+
+def placed_otherwise(scene: Scene, motions: Sequence[Motion]) -> str:
+    """The scene file of the same photographs by cameras that are moved."""
     mesh = f"mesh = {json.dumps(str(scene.geometry.mesh))}" if scene.geometry.mesh else 'shape = "sphere"'
     lines = ["[geometry]", mesh, "[environment]", f"map = {json.dumps(str(scene.environment.map))}"]
-    for index, spec in enumerate(scene.photographs):
-        chance = np.random.default_rng([index, round(100 * degrees)]).standard_normal((2, 3))
-        turn, shift = torch.from_numpy(chance / np.linalg.norm(chance, axis=1, keepdims=True))
-        motion = torch.cat([turn * degrees / DEGREES, shift * share / SHARE])
+    shape = read_shape(scene.geometry)
+    for spec, motion in zip(scene.photographs, motions, strict=True):
         matrix = Pose.of(camera_of(spec.camera, 1, 1), shape).by(motion).camera.camera_to_world.tolist()
         lines += ["[[photographs]]", f"image = {json.dumps(str(spec.image))}"]
         lines += ["[photographs.camera]", f"fov = {spec.camera.fov}", f"matrix = {matrix}"]
