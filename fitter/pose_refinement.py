@@ -26,8 +26,8 @@ from renderer.occlusion import occluder
 from renderer.pose import DEGREES, SHARE, Pose
 
 MOST_DEGREES, MOST_SHARE = 5.0, 0.03  # beyond them a pose is no small error any more
-EFFORTS = ((500, 256, 3), (2000, 1024, 2))  # pixels of each photograph, directions of each, and rounds at most
-MOST_PIXELS = 40000  # of all photographs
+EFFORTS = ((500, 256, 3), (4000, 1024, 1))  # pixels of each photograph, directions of each, and rounds at most
+MOST_PIXELS = 60000  # of all photographs
 STILL = 1.0  # standard errors of each number, below which a step ends the rounds: noise moves them by as much
 
 

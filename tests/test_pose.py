@@ -119,7 +119,7 @@ def test_an_outline_with_three_axes_tells_all_of_a_pose(seed):
     degrees, share = left(pose, true)
     assert degrees < 4 * DEGREES * float(error[:3].norm())  # four of its own standard errors
     assert share < 4 * SHARE * float(error[3:].norm())
-    assert max(degrees / DEGREES, share / SHARE) < 0.15
+    assert max(degrees / DEGREES, share / SHARE) < 0.6  # at 48², where its own errors are a tenth to a fifth
     assert border.apart(wrong, trace) > 0.5
     assert border.apart(pose, trace) < 0.1  # pixels; straight lines between the pixels' middles are off by up to 0.08
 
