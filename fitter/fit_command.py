@@ -84,8 +84,8 @@ def fit(
     _require_free(tolerance, {key: numbers[key] for key in ("samples", "pixels", "levels")})
     chosen = (type_.value, accuracy, prior.value, solver.value)
     effects = (tuple(with_ or ()), tuple(without or ()))
-    also = {"polish": polish, "tolerance": tolerance, "effects": effects, "refine_pose": refine_pose}
-    code = _fit(scene, out, *chosen, seed, device, quiet, **also)
+    told = (scene, out, *chosen, seed, device, quiet)
+    code = _fit(*told, polish=polish, tolerance=tolerance, effects=effects, refine_pose=refine_pose)
     raise typer.Exit(code)
 
 

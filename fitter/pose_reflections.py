@@ -171,10 +171,18 @@ def slopes(
     material: Material,
     progress: Progress,
 ) -> Float[Tensor, "2 p 3 6"]:
-    """Derivative of the pixels' radiance by the pose of their photograph, by either half of the samples.
+    """Derivative of the pixels' radiance by the `motion` of their photograph's pose, by either half of the samples.
 
     By differences of pictures with other random numbers than the fit's: noise in a slope that knows that of the
-    residuals would bias their product. Where a pixel leaves the object, the difference is one-sided.
+    residuals would bias their product. The cameras go wide, along ways of which each shows: a step about the object is
+    the small difference of a turn and a shift, in which noise would be all. Where a pixel leaves the object, the
+    difference is one-sided.
+
+    Args:
+        shown: the pixels.
+        surface: what they show by these poses, [p, k] rays.
+        poses, trace, setting, progress: as of `informed`.
+        material: what they are made of.
     """
     other = replace(setting, seed=setting.seed + 1)
     angle = WIDEST if material.type == "matte" else min(max(BY_ALPHA * float(material.roughness), NARROWEST), WIDEST)
