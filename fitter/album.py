@@ -7,7 +7,7 @@ import math
 import time
 from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Literal
@@ -92,6 +92,10 @@ class Album(Sequence[Photograph]):
         """Photographs that somebody else keeps."""
         return Album(partial(_itself, photograph) for photograph in photographs)
 
+    def taken_by(self, cameras: Sequence[Camera]) -> Album:
+        """The same photographs, said to be taken by other cameras."""
+        return Album(partial(_taken_by, self, index, camera) for index, camera in enumerate(cameras))
+
     def __len__(self) -> int:
         return len(self._readers)
 
@@ -134,6 +138,10 @@ def _return_freed_memory() -> None:
 
 def _bytes(photographs: Iterable[Photograph]) -> int:
     return sum(each.radiance.nbytes + each.mask.nbytes for each in photographs)
+
+
+def _taken_by(album: Album, index: int, camera: Camera) -> Photograph:
+    return replace(album[index], camera=camera)
 
 
 def _itself(photograph: Photograph) -> Photograph:

@@ -62,6 +62,10 @@ def chosen(
     polish: Annotated[
         bool, typer.Option("--polish", help="Fit metals once more with Mitsuba's paths: interreflection. Needs LLVM.")
     ] = False,
+    refine_pose: Annotated[
+        bool,
+        typer.Option("--refine-pose", help="Mend poses that are off by up to 2° and 1 %, by outlines and pixels."),
+    ] = False,
     with_: With = None,
     without: Without = None,
     solver: Annotated[SolverName, typer.Option(help="Least squares by which method.")] = SolverName.lm,
@@ -87,6 +91,7 @@ def chosen(
         prior=prior.value,
         polish=polish,
         tolerance=tolerance,
+        refine_pose=refine_pose,
         wanted=tuple(with_ or ()),
         unwanted=tuple(without or ()),
     )

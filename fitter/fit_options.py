@@ -26,6 +26,7 @@ class FitOptions:
         polish: whether metals are fitted once more with Mitsuba's paths, whatever the plan says of interreflection.
         tolerance: relative movement that no determined number is to exceed, in (0, 1): pixels, samples and levels are
             then what it takes; None where they are the fidelity's.
+        refine_pose: whether the cameras are moved to where outlines and pixels agree before anything is fitted.
         wanted, unwanted: effects of `shaders.effects` that are simulated, or not, whatever the plan says.
     """
 
@@ -40,3 +41,4 @@ class FitOptions:
     tolerance: float | None = None
     wanted: tuple[str, ...] = ()
     unwanted: tuple[str, ...] = ()
+    refine_pose: bool = False

@@ -23,6 +23,8 @@ from fitter.outliers import OutlierMap, outlier_maps, told
 from fitter.parts import FittedPart, Progress, painted
 from fitter.planned_fit import PlannedFit, fit_planned
 from fitter.polish import require_polishable
+from fitter.pose_file import transforms_json
+from fitter.pose_refinement import RefinedPoses, pose_fidelity, refine_poses
 from fitter.quality import ViewPictures
 from fitter.reflectances import REFLECTANCES
 from fitter.report import comparison_png, render_report
@@ -76,6 +78,8 @@ def fit_scene(
     with one_thread_per_operation(), replaced_together(out) as folder:
         trace = gbuffer.tracer(loaded.shape)
         setting = setting_of(loaded, options, device)
+        refined = _refined(loaded, trace, options, device, progress, scene_file) if options.refine_pose else None
+        loaded = loaded if refined is None else refined.loaded
         planned = fit_planned(loaded, trace, setting, options, progress, scene_file)
         parts = planned.parts
         solving = sum(part.choice.fit.solve_seconds for part in parts)
@@ -83,7 +87,7 @@ def fit_scene(
         progress("writing the report", 0)
         views = _views(loaded, trace, parts)
         outliers = outlier_maps(parts, loaded.photographs.thumbnails, views)
-        result = _result(loaded, planned, views, outliers, clock)
+        result = _result(loaded, planned, views, outliers, clock, refined)
         alone = strips(planned, loaded.photographs.thumbnails[0], trace)
         curves = [_curve(part) for part in parts]
         page = render_report(result, views, curves, alone, outliers, command=options.command)
@@ -91,6 +95,9 @@ def fit_scene(
         write_bytes_atomically(folder / "comparison.png", comparison_png(views))
         write_text_atomically(folder / f"{loaded.name}.thesis.mtl", thesis_mtl(result.materials))
         write_text_atomically(folder / f"{loaded.name}.mtl", ordinary_mtl(result.materials))
+        moved = None if refined is None else transforms_json(loaded)
+        if moved is not None:
+            write_text_atomically(folder / f"{loaded.name}.transforms.json", moved)
         result = result.model_copy(update={"time": clock.now()})  # the page cannot know how long it took itself
         write_result(result, folder / "result.json")
     return result
@@ -100,6 +107,14 @@ def _load_plotting(_: object) -> None:
     """What the report will need for half a second, in the thread that has just compiled, beside the search."""
     import matplotlib.backends.backend_svg  # noqa: F401
     import skimage.metrics._structural_similarity  # noqa: F401
+
+
+def _refined(
+    loaded: Loaded, trace: Tracer, options: FitOptions, device: torch.device, progress: Progress, scene_file: Path
+) -> RefinedPoses:
+    """The scene with its cameras where they stood, found in light that is exact whatever the fit's is."""
+    exactly = replace(options, fidelity=pose_fidelity(options.fidelity))
+    return refine_poses(loaded, trace, setting_of(loaded, exactly, device), options, progress, scene_file)
 
 
 def setting_of(loaded: Loaded, options: FitOptions, device: torch.device) -> Setting:
@@ -168,15 +183,16 @@ def _remarks(loaded: Loaded, parts: Sequence[FittedPart], fidelity: Fidelity) ->
     return remarks
 
 
-def _message(loaded: Loaded, planned: PlannedFit, fidelity: Fidelity) -> str:
-    """What there is to say of each material, of the plan, and of the input."""
+def _message(loaded: Loaded, planned: PlannedFit, fidelity: Fidelity, refined: RefinedPoses | None) -> str:
+    """What there is to say of each material, of the plan, of the cameras, and of the input."""
     parts = planned.parts
     told = [part.told for part in parts]
     if len(loaded.materials) > 1:
         told = [f"{part.material.name}: {sentences}" for part, sentences in zip(parts, told, strict=True)]
     beside = _beside(loaded, parts)
     told += [] if beside is None else beside.told
-    return " ".join([*told, *planned.told, *_remarks(loaded, parts, fidelity)])
+    moved = [] if refined is None else [refined.told]
+    return " ".join([*told, *planned.told, *moved, *_remarks(loaded, parts, fidelity)])
 
 
 def _beside(loaded: Loaded, parts: Sequence[FittedPart]) -> Beside | None:
@@ -214,6 +230,7 @@ def _result(
     views: Sequence[ViewPictures],
     outliers: Sequence[OutlierMap],
     clock: _Clock,
+    refined: RefinedPoses | None,
 ) -> Result:
     parts = planned.parts
     setting, materials = parts[0].setting, tuple(part.material for part in parts)
@@ -225,7 +242,7 @@ def _result(
     polish = any(part.polish is not None for part in parts)
     return Result(
         status=status_of([part.choice for part in parts], materials),
-        message=" ".join([_message(loaded, planned, fidelity), *told(outliers)]),
+        message=" ".join([_message(loaded, planned, fidelity, refined), *told(outliers)]),
         materials=materials,
         quality=quality.assess(views),
         exposure=tuple(factor * each for factor, each in zip(fitted, known, strict=True)),
@@ -244,4 +261,5 @@ def _result(
         inputs=loaded.inputs,
         tolerance=tuple(part.tolerance for part in parts if part.tolerance is not None) or None,
         nuisances=None if beside is None else beside.records,
+        cameras=None if refined is None else refined.cameras,
     )

@@ -91,6 +91,7 @@ def render_report(
         rows=tiles([replace(view, name=name) for view, name in zip(views, names, strict=True)]),
         effects=tiles(effects),
         quality=dict(zip(names, result.quality.photographs, strict=False)),
+        cameras=dict(zip(names, result.cameras or (), strict=False)),
         difference_range=DIFFERENCE_RANGE,
         difference_colors=colors_of(DIFFERENCE_COLORS),
         outliers=list(zip(outlier_tiles(outliers), outliers, strict=True)),

@@ -273,6 +273,24 @@ class Time(Record):
     total: NonNegative
 
 
+class RefinedCamera(Record):
+    """A camera that `--refine-pose` moved.
+
+    Attributes:
+        name: of the photograph.
+        degrees, percent: by how much it was turned, and shifted, of its distance from the object's middle.
+        stderr_degrees, stderr_percent: what is left uncertain of it.
+        matrix: camera to world, as `scene.toml` has it.
+    """
+
+    name: str
+    degrees: NonNegative
+    percent: NonNegative
+    stderr_degrees: NonNegative
+    stderr_percent: NonNegative
+    matrix: tuple[tuple[float, float, float, float], ...]
+
+
 class InputFile(Record):
     """A file that was read, and the SHA-256 of its bytes in lower-case hexadecimal."""
 
@@ -288,6 +306,7 @@ class Result(Record):
         exposure: pixel value per radiance, one for each photograph.
         tolerance: of each material; None, and not in the file, where none was asked for.
         nuisances: what was fitted beside the material; None, and not in the file, where nothing was asked for.
+        cameras: of each photograph, as they were moved; None, and not in the file, where that was not asked for.
     """
 
     format: Literal[1] = FORMAT
@@ -302,6 +321,7 @@ class Result(Record):
     inputs: tuple[InputFile, ...]
     tolerance: tuple[Tolerance, ...] | None = None
     nuisances: tuple[Nuisance, ...] | None = None
+    cameras: tuple[RefinedCamera, ...] | None = None
 
 
 def write_result(result: Result, path: str | Path) -> None:
@@ -310,7 +330,7 @@ def write_result(result: Result, path: str | Path) -> None:
     Raises:
         InputError: the file cannot be written.
     """
-    absent = {key for key in ("tolerance", "nuisances") if getattr(result, key) is None}
+    absent = {key for key in ("tolerance", "nuisances", "cameras") if getattr(result, key) is None}
     data = result.model_dump(mode="json", exclude=absent)
     text = json.dumps(data, allow_nan=False, ensure_ascii=False, indent=2)
     write_text_atomically(path, _short_lists_on_one_line(text) + "\n")

@@ -168,15 +168,27 @@ class _Halves:
         """
         first, second, whole = (slope.flatten(0, 1) for slope in (*self.slopes, self.slope))
         prior, crossed = self.of_prior.T @ self.of_prior, first.T @ second
-        said = whole.T @ whole + prior
-        scale = said.diagonal().clamp_min(NOTHING).sqrt()
-        known, directions, rounding = _directions(said / scale / scale[:, None])
-        root = directions * torch.where(known > 0, known, rounding).sqrt()
-        against = torch.linalg.solve(root, ((crossed + crossed.T) / 2 + prior) / scale / scale[:, None])
-        against = torch.linalg.solve(root, against.T)
-        share, ways = torch.linalg.eigh((against + against.T) / 2)
-        root = scale[:, None] * root @ ways
-        return root * share.clamp(DROWNED, 1.0) @ root.T
+        return believed(whole.T @ whole + prior, (crossed + crossed.T) / 2 + prior)
+
+
+def believed(said: Float[Tensor, "x x"], crossed: Float[Tensor, "x x"]) -> Float[Tensor, "x x"]:
+    """The information in slopes that hold noise.
+
+    Args:
+        said: their products, in which the noise is information, too; symmetric.
+        crossed: products of slopes whose noise is independent, in which it is not; symmetric.
+
+    Returns:
+        `crossed`, but in no direction less than `DROWNED` of what is said.
+    """
+    scale = said.diagonal().clamp_min(NOTHING).sqrt()
+    known, directions, rounding = _directions(said / scale / scale[:, None])
+    root = directions * torch.where(known > 0, known, rounding).sqrt()
+    against = torch.linalg.solve(root, crossed / scale / scale[:, None])
+    against = torch.linalg.solve(root, against.T)
+    share, ways = torch.linalg.eigh((against + against.T) / 2)
+    root = scale[:, None] * root @ ways
+    return root * share.clamp(DROWNED, 1.0) @ root.T
 
 
 def _inverse(information: Float[Tensor, "x x"]) -> Float[Tensor, "x x"]:

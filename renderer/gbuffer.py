@@ -76,6 +76,16 @@ def concatenate(buffers: list[GBuffer]) -> GBuffer:
     return GBuffer(*(torch.cat([getattr(b, f.name) for b in buffers]) for f in fields(GBuffer)))
 
 
+def where(chosen: Bool[Tensor, "*p"], one: GBuffer, other: GBuffer) -> GBuffer:
+    """Of two G-buffers of one shape the first one's rays where chosen, by leading axes, and the other's elsewhere."""
+
+    def either(name: str) -> Tensor:
+        first, second = getattr(one, name), getattr(other, name)
+        return torch.where(chosen.reshape(*chosen.shape, *[1] * (first.dim() - chosen.dim())), first, second)
+
+    return GBuffer(*(either(f.name) for f in fields(GBuffer)))
+
+
 def tracer(shape: Shape) -> Tracer:
     """A function from rays (origins, unit directions, float64 [p, 3]) to the G-buffer of their nearest hits."""
     return _in_blocks(_trace_sphere if isinstance(shape, Sphere) else _mesh_tracer(shape))

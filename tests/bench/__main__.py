@@ -25,6 +25,7 @@ from tests.bench import (
     loop,
     parity,
     plan,
+    pose,
     race,
     recovery,
     scaling,
@@ -78,6 +79,7 @@ def parts(asked: argparse.Namespace) -> Parts:
         "parity": ("GLSL against torch", parity.rows),
         "frame": ("Time of a picture", frame.rows),
         "plan": ("Only the effects that a scene calls for", plan.rows),
+        "pose": ("Poses that are off, and mended", partial(pose.rows, shapes=asked.shapes)),
         "race": ("Against Mitsuba's own inverse rendering", race.rows),
         "scaling": (
             "Time and memory",

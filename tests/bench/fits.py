@@ -29,15 +29,18 @@ class How:
     type: str = "auto"
     fidelity: str = "standard"
     tolerance: float | None = None
+    refine_pose: bool = False
 
     @property
     def label(self) -> str:
         """For the names of files."""
-        return f"{self.type}-{self.fidelity}" + ("" if self.tolerance is None else f"-{self.tolerance:g}")
+        also = ("" if self.tolerance is None else f"-{self.tolerance:g}") + ("-posed" if self.refine_pose else "")
+        return f"{self.type}-{self.fidelity}{also}"
 
     def options(self, seed: int = 0) -> FitOptions:
         """As `fit_scene` takes them."""
-        return FitOptions(preset(self.fidelity), seed=seed, type=self.type, tolerance=self.tolerance)
+        told = {"type": self.type, "tolerance": self.tolerance, "refine_pose": self.refine_pose}
+        return FitOptions(preset(self.fidelity), seed=seed, **told)
 
 
 def result_of(scene: Path, how: How) -> Result:
