@@ -16,6 +16,7 @@ import typer
 from typer.exceptions import TyperException
 
 from fitter.advise_command import advise
+from fitter.check_command import check
 from fitter.command_options import Out
 from fitter.fit_command import DONE, NO_MATERIAL, demo, fit
 from fitter.frontier_command import frontier
@@ -40,6 +41,7 @@ app.command()(view)
 app.command()(advise)
 app.command()(frontier)
 app.command()(plan)
+app.command()(check)
 app.command()(probe)
 app.command()(fit)
 app.command()(synth)

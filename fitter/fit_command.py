@@ -65,6 +65,9 @@ def fit(
     ] = False,
     with_: With = None,
     without: Without = None,
+    no_check: Annotated[
+        bool, typer.Option("--no-check", help="Do not look for what is wrong with the input, as `check` does.")
+    ] = False,
     solver: Annotated[SolverName, typer.Option(help="Least squares by which method.")] = SolverName.lm,
     seed: Seed = 0,
     device: Device = "cpu",
@@ -80,7 +83,8 @@ def fit(
     _require_free(tolerance, {key: numbers[key] for key in ("samples", "pixels", "levels")})
     chosen = (type_.value, accuracy, prior.value, solver.value)
     effects = (tuple(with_ or ()), tuple(without or ()))
-    code = _fit(scene, out, *chosen, seed, device, quiet, polish=polish, tolerance=tolerance, effects=effects)
+    further = {"polish": polish, "tolerance": tolerance, "effects": effects, "check": not no_check}
+    code = _fit(scene, out, *chosen, seed, device, quiet, **further)  # type: ignore[arg-type] — of a mixed mapping
     raise typer.Exit(code)
 
 
@@ -120,15 +124,21 @@ def _fit(
     polish: bool = False,
     tolerance: float | None = None,
     effects: tuple[tuple[str, ...], tuple[str, ...]] = ((), ()),
+    check: bool = False,
 ) -> int:
-    with progress_bar(quiet) as progress:
-        progress("starting", 0)
-        from fitter.pipeline import FitOptions, fit_scene
+    warnings: list[str] = []
+    try:
+        with progress_bar(quiet) as progress:
+            progress("starting", 0)
+            from fitter.pipeline import FitOptions, fit_scene
 
-        command = shlex.join(["fit-material", *sys.argv[1:]])
-        told = (solver, seed, device, command, kind, prior, polish, tolerance, *effects)
-        options = FitOptions(fidelity, *told)  # type: ignore[arg-type] — PriorName's
-        result = fit_scene(scene, out, options, progress, begun)
+            command = shlex.join(["fit-material", *sys.argv[1:]])
+            told = (solver, seed, device, command, kind, prior, polish, tolerance, *effects, check)
+            options = FitOptions(fidelity, *told)  # type: ignore[arg-type] — PriorName's
+            result = fit_scene(scene, out, options, progress, begun, warnings.append)
+    finally:  # where the fit fails, they may say why
+        for sentence in warnings:
+            print(f"fit-material: {sentence}", file=sys.stderr)
     _print_result(result, out)
     return DONE if result.status == "converged" else NO_MATERIAL
 

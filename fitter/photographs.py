@@ -71,7 +71,8 @@ def read_photograph(spec: PhotographSpec, scene_file: str | Path, index: int = 0
     outlines = []
     if seen.alpha is not None:
         inside &= seen.alpha >= COVERED
-        outlines.append(seen.alpha >= 0.5)
+        if not bool((seen.alpha >= COVERED).all()):  # opaque throughout, it says nothing
+            outlines.append(seen.alpha >= 0.5)
     if spec.mask is not None:
         outlines.append(_mask(spec.mask, radiance.shape[:2], scene_file, f"{field}.mask"))
         inside &= ~dilated(~outlines[-1], 1)

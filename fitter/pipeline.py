@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -21,6 +21,7 @@ from fitter.mtl import ordinary_mtl, thesis_mtl
 from fitter.parts import FittedPart, Progress, painted
 from fitter.planned_fit import PlannedFit, fit_planned
 from fitter.polish import require_polishable
+from fitter.preflight.preflight import MOST, preflight
 from fitter.quality import ViewPictures
 from fitter.reflectances import REFLECTANCES
 from fitter.report import comparison_png, render_report
@@ -31,6 +32,7 @@ from fitter.summary import status_of
 from renderer import gbuffer
 from renderer.atomic import replaced_together, write_bytes_atomically, write_text_atomically
 from renderer.box_filter import box_filtered
+from renderer.errors import InputError
 from renderer.gbuffer import GBuffer, Tracer
 from renderer.picture import draw
 from renderer.surroundings import directional_light
@@ -46,6 +48,7 @@ def fit_scene(
     options: FitOptions,
     progress: Progress = lambda stage, share: None,
     begun: float | None = None,
+    warn: Callable[[str], None] = lambda sentence: None,
 ) -> Result:
     """Fit the materials of a scene and write `result.json`, two MTL files and `report.html` into a folder.
 
@@ -57,6 +60,7 @@ def fit_scene(
         options: how to fit.
         progress: told the stage and its share done.
         begun: `time.perf_counter()` when the program began, so that its start-up counts as loading.
+        warn: told what is wrong with the input, if that is looked for.
 
     Raises:
         InputError: about the first thing in the input that is wrong.
@@ -73,6 +77,7 @@ def fit_scene(
         compiling()
     with one_thread_per_operation(), replaced_together(out) as folder:
         trace = gbuffer.tracer(loaded.shape)
+        warnings = _warnings(loaded, trace, scene_file, options, progress, warn)
         setting = setting_of(loaded, options, device)
         planned = fit_planned(loaded, trace, setting, options, progress, scene_file)
         parts = planned.parts
@@ -80,7 +85,7 @@ def fit_scene(
         clock = _Clock(began, read, time.perf_counter(), loaded.photographs.seconds, solving)
         progress("writing the report", 0)
         views = _views(loaded, trace, parts)
-        result = _result(loaded, planned, views, clock)
+        result = _result(loaded, planned, views, clock, warnings)
         alone = strips(planned, loaded.photographs.thumbnails[0], trace)
         page = render_report(result, views, [_curve(part) for part in parts], alone, command=options.command)
         write_text_atomically(folder / "report.html", page)
@@ -121,6 +126,29 @@ class _Clock:
             report=now - self.fitted,
             total=now - self.began,
         )
+
+
+def _warnings(
+    loaded: Loaded,
+    trace: Tracer,
+    scene_file: Path,
+    options: FitOptions,
+    progress: Progress,
+    warn: Callable[[str], None],
+) -> list[str]:
+    """What is wrong with the input, a sentence each; it stops no fit, and nor does its search."""
+    if not options.check:
+        return []
+    progress("checking the input", 0)
+    try:
+        found = [f"Check: {each}." for each in preflight(loaded, trace, scene_file, options.seed, MOST)]
+    except InputError:  # the fit will say so
+        return []
+    except Exception as error:
+        found = [f"Check: the input could not be checked ({' '.join(str(error).split())})."]
+    for sentence in found:
+        warn(sentence)
+    return found
 
 
 def _curve(part: FittedPart) -> Curve | None:
@@ -188,7 +216,9 @@ def _views(loaded: Loaded, trace: Tracer, parts: Sequence[FittedPart]) -> list[V
     return views
 
 
-def _result(loaded: Loaded, planned: PlannedFit, views: Sequence[ViewPictures], clock: _Clock) -> Result:
+def _result(
+    loaded: Loaded, planned: PlannedFit, views: Sequence[ViewPictures], clock: _Clock, warnings: Sequence[str]
+) -> Result:
     parts = planned.parts
     setting, materials = parts[0].setting, tuple(part.material for part in parts)
     fidelity = setting.fidelity
@@ -197,7 +227,7 @@ def _result(loaded: Loaded, planned: PlannedFit, views: Sequence[ViewPictures], 
     polish = any(part.polish is not None for part in parts)
     return Result(
         status=status_of([part.choice for part in parts], materials),
-        message=_message(loaded, planned, fidelity),
+        message=" ".join([_message(loaded, planned, fidelity), *warnings]),
         materials=materials,
         quality=quality.assess(views),
         exposure=tuple(exposure),

@@ -56,6 +56,9 @@ def look(
         scene_file: of the scene.
         materials: how many the object has.
         seed: of the choice of pixels.
+
+    Raises:
+        InputError: none of these photographs shows the object's front.
     """
     quota = max(FEWEST, PIXELS // len(numbers))
     found: list[list[tuple[int, Observations]]] = [[] for _ in range(materials)]
@@ -73,7 +76,9 @@ def look(
                 seed=seed,
                 materials=materials,
             )
-        except InputError:  # its camera sees nothing of the object: its silhouette tells
+        except InputError:  # its camera sees nothing of the object, which its silhouette tells, or the mesh's inside
+            if index + 1 == len(numbers) and not any(found):
+                raise
             continue
         for part, observed in zip(found, chosen, strict=True):
             part += [(index, observed)] if observed is not None else []

@@ -47,6 +47,7 @@ class Orientation:
 
 
 GIVEN = Orientation()
+UPS = tuple(_UPRIGHT)
 TURNS = (0, 90, 180, 270)
 
 
@@ -63,5 +64,5 @@ def upright(up: str) -> Float[Tensor, "3 3"]:
 
 def orientations() -> list[Orientation]:
     """All 48, those first that slips lead to: the given one, turned, mirrored, z-up, and what is both."""
-    every = [Orientation(up, turn, m) for up, m, turn in itertools.product(_UPRIGHT, (False, True), TURNS)]
+    every = [Orientation(up, turn, m) for up, m, turn in itertools.product(UPS, (False, True), TURNS)]
     return sorted(every, key=lambda each: each.changes)  # stable: of equal ones in the order above

@@ -18,6 +18,7 @@ from fitter.preflight.pixels import pixel_findings
 from fitter.preflight.sharpness import sharpness_finding
 from fitter.preflight.silhouette import MeshTurn, Sighting, mesh_turn, silhouette_findings, turned
 from fitter.preflight.suppositions import Supposition, Tribunal
+from renderer.errors import InputError
 from renderer.gbuffer import Tracer
 from renderer.images import ENDINGS
 from renderer.scene import PhotographSpec
@@ -76,9 +77,10 @@ def _light(loaded: Loaded, numbers: Sequence[int], trace: Tracer, scene_file: Pa
     """What a coarse fit finds."""
     if not numbers:
         return []
-    looks = look(loaded.photographs, numbers, trace, scene_file, len(loaded.materials), seed)
-    if not looks:
-        return []
+    try:
+        looks = look(loaded.photographs, numbers, trace, scene_file, len(loaded.materials), seed)
+    except InputError as error:
+        return [Finding("silhouette", error.field, "0 pixels that can be fitted", f"there has to be {error.expected}")]
     sources = [directional_light(light) for light in loaded.scene.lights]
     light = Light.of(loaded.environment, sources)
     linear = [_is_linear(loaded.scene.photographs[number]) for number in numbers]

@@ -10,7 +10,7 @@ from torch import Tensor
 from fitter.photographs import Photograph
 from fitter.preflight.finding import Finding
 
-WIDE = 3.0  # pixels; what a sharp lens draws is 1 to 2 wide, by where the edge crosses the pixels, 2.7 over a varied background
+WIDE = 3.0  # pixels; what a sharp lens draws is 1 to 2 wide, 2.7 at most over a varied background
 WIDE_SHARE = 0.015  # of the object's size: what a larger photograph may be blurred by without harm
 CONTRAST = 0.2  # of the profile's brightest, below which it shows no edge
 PROFILES = 400

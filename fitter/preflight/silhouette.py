@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from statistics import fmean
 
 import numpy as np
@@ -13,15 +14,17 @@ from torch import Tensor
 
 from fitter.photographs import Photograph
 from fitter.preflight.finding import Finding, percent
-from fitter.preflight.orientation import TURNS, about_y, upright
+from fitter.preflight.orientation import TURNS, UPS, about_y, upright
 from renderer.camera import Camera
 from renderer.gbuffer import GBuffer, Tracer
 
+FEWEST = 16  # pixels of a silhouette's border
 SIDE = 96  # pixels of the longer side that are looked at
 OVERLAPS = 0.95  # IoU below which something is wrong: a shift by 2 % of a ball's width leaves that
 DECISIVE = 3.0  # times less outside of the overlap if the mesh is turned: no pose error does that
 SEARCHED = 0.12  # of the picture's width: how far off edges are looked for
 ON_EDGE = 0.03  # of the picture's width: as far from an edge as a silhouette of that IoU may be
+ALIKE = 0.01  # of IoU, within which silhouettes of two turns are the same
 CLEARER = 0.15  # share of pixels, by which the gradient under a moved silhouette outranks that under the given one
 
 
@@ -63,6 +66,17 @@ class Sighting:
         height, width = photograph.mask.shape
         return every[:height, :width]
 
+    @cached_property
+    def gradient_rank(self) -> Float[np.ndarray, "m n"]:
+        """The share of pixels with a weaker gradient of the logarithm of light."""
+        from scipy.stats import rankdata
+        from skimage.filters import sobel
+
+        light = self.light.numpy()
+        dark = 0.05 * max(float(np.median(np.abs(light))), 1e-20)
+        gradient = sobel(np.log(np.maximum(light, 0) + dark))
+        return (rankdata(gradient) / gradient.size).reshape(gradient.shape)
+
     @property
     def overlap(self) -> float | None:
         """Intersection over union of both silhouettes; None without an outline."""
@@ -98,11 +112,13 @@ class MeshTurn:
     Attributes:
         up: its axis that has to become +Y.
         turn: degrees about +Y afterwards.
-        before, after: mean IoU without it and with it.
+        by_outline: whether outlines tell, else the picture's edges do.
+        before, after: mean IoU without it and with it; of edges `edge_rank`.
     """
 
     up: str
     turn: int
+    by_outline: bool
     before: float
     after: float
 
@@ -110,25 +126,33 @@ class MeshTurn:
     def matrix(self) -> Float[Tensor, "3 3"]:
         return about_y(self.turn) @ upright(self.up)
 
+    @property
+    def explains(self) -> bool:
+        """Whether the mesh lies so and not as it is given."""
+        if not self.by_outline:
+            return self.after > self.before + CLEARER
+        return self.after >= OVERLAPS - 0.05 and 1 - self.before > DECISIVE * (1 - self.after)
+
 
 def mesh_turn(sightings: Sequence[Sighting], trace: Tracer) -> MeshTurn | None:
-    """The turn by right angles that explains the outlines, where none is as good without."""
-    with_outline = [each for each in sightings if each.outline is not None][:6]
-    overlaps = [each.overlap for each in with_outline]
-    before = fmean(value for value in overlaps if value is not None) if overlaps else 1.0
-    if before >= OVERLAPS:
+    """The turn by right angles that explains where the object is seen, where none is as good without."""
+    outlined = [each for each in sightings if each.outline is not None]
+    looked_at = (outlined or list(sightings))[:6]
+
+    def likeness(found: Sequence[Sighting]) -> float:
+        return fmean(each.overlap or 0.0 if outlined else edge_rank(each) for each in found)
+
+    before = likeness(looked_at)
+    if outlined and before >= OVERLAPS:
         return None
     best: MeshTurn | None = None
-    for up in ("+Y", "+Z", "-Z", "-Y", "+X", "-X"):
+    for up in UPS:
         for turn in TURNS:
-            matrix = about_y(turn) @ upright(up)
-            tracer = turned(trace, matrix)
-            after = fmean(each.by(tracer).overlap or 0.0 for each in with_outline)
-            if best is None or after > best.after + 0.01:  # of equal ones the first, which slips lead to
-                best = MeshTurn(up, turn, before, after)
-    assert best is not None
-    explains = best.after >= OVERLAPS - 0.05 and 1 - before > DECISIVE * (1 - best.after)
-    return best if explains else None
+            tracer = turned(trace, about_y(turn) @ upright(up))
+            after = likeness([each.by(tracer) for each in looked_at])
+            if best is None or after > best.after + ALIKE:  # of equal ones the first, which slips lead to
+                best = MeshTurn(up, turn, bool(outlined), before, after)
+    return best if best is not None and best.explains else None
 
 
 def silhouette_findings(sightings: Sequence[Sighting], names: Sequence[str]) -> list[Finding]:
@@ -157,9 +181,9 @@ def edge_distance(sighting: Sighting) -> float:
     An edge is told by the rank of its gradient among all pixels', which is the same for every exposure and curve.
     """
     rows, columns = _border(sighting.hit)
-    if len(rows) < 16:
+    if len(rows) < FEWEST:
         return 0.0
-    rank = _gradient_rank(sighting)
+    rank = sighting.gradient_rank
     width = rank.shape[1]
     reach = max(1, round(SEARCHED * width))
     centre = rows.mean(), columns.mean()
@@ -180,6 +204,16 @@ def edge_distance(sighting: Sighting) -> float:
     return float(np.hypot(best[0], best[1]) + abs(best[2] - 1) * size) / width
 
 
+def edge_rank(sighting: Sighting) -> float:
+    """Share of the picture's pixels with a weaker gradient than those next to the silhouette have in the mean."""
+    from scipy.ndimage import maximum_filter
+
+    rows, columns = _border(sighting.hit)
+    if len(rows) < FEWEST:
+        return 0.0
+    return float(maximum_filter(sighting.gradient_rank, 3)[rows.astype(int), columns.astype(int)].mean())
+
+
 def _border(hit: Bool[Tensor, "m n"]) -> tuple[np.ndarray, np.ndarray]:
     """Rows and columns of the silhouette's pixels that have a neighbour beside it; not where the picture ends."""
     from skimage.segmentation import find_boundaries
@@ -188,14 +222,3 @@ def _border(hit: Bool[Tensor, "m n"]) -> tuple[np.ndarray, np.ndarray]:
     edge[[0, -1]] = edge[:, [0, -1]] = False
     rows, columns = edge.nonzero()
     return rows.astype(float), columns.astype(float)
-
-
-def _gradient_rank(sighting: Sighting) -> Float[np.ndarray, "m n"]:
-    """The share of pixels with a weaker gradient of the logarithm of light."""
-    from scipy.stats import rankdata
-    from skimage.filters import sobel
-
-    light = sighting.light.numpy()
-    dark = 0.05 * max(float(np.median(np.abs(light))), 1e-20)
-    gradient = sobel(np.log(np.maximum(light, 0) + dark))
-    return (rankdata(gradient) / gradient.size).reshape(gradient.shape)
