@@ -21,7 +21,7 @@ from fitter.mtl import ordinary_mtl, thesis_mtl
 from fitter.parts import FittedPart, Progress, painted
 from fitter.planned_fit import PlannedFit, fit_planned
 from fitter.polish import require_polishable
-from fitter.preflight.preflight import MOST, preflight
+from fitter.preflight.preflight import affordable, preflight
 from fitter.quality import ViewPictures
 from fitter.reflectances import REFLECTANCES
 from fitter.report import comparison_png, render_report
@@ -141,7 +141,8 @@ def _warnings(
         return []
     progress("checking the input", 0)
     try:
-        found = [f"Check: {each}." for each in preflight(loaded, trace, scene_file, options.seed, MOST)]
+        most = affordable(loaded.photographs)
+        found = [f"Check: {each}." for each in preflight(loaded, trace, scene_file, options.seed, most)]
     except InputError:  # the fit will say so
         return []
     except Exception as error:

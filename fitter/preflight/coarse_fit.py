@@ -62,12 +62,10 @@ class Explanation:
     Attributes:
         misfit: of its picture.
         picture: its radiance.
-        share: the largest of its reflectances or colours, before these were cut to 1.
     """
 
     misfit: Float[Tensor, " o"]
     picture: Float[Tensor, "o 3 p"]
-    share: Float[Tensor, " o"]
 
 
 def explain(pictures: Pictures, seen: Seen) -> Explanation:
@@ -76,7 +74,7 @@ def explain(pictures: Pictures, seen: Seen) -> Explanation:
     for picture in _candidates(pictures, seen.radiance):
         misfit = seen.misfit(picture)  # [o, a]
         least, which = misfit.min(1)
-        found = Explanation(least, picture[torch.arange(len(least)), which], least)
+        found = Explanation(least, picture[torch.arange(len(least)), which])
         best = found if best is None else _better(best, found)
     assert best is not None
     return best
@@ -85,8 +83,7 @@ def explain(pictures: Pictures, seen: Seen) -> Explanation:
 def _better(one: Explanation, other: Explanation) -> Explanation:
     wins = other.misfit < one.misfit
     picture = torch.where(wins[:, None, None], other.picture, one.picture)
-    share = torch.where(wins, other.share, one.share)
-    return Explanation(torch.minimum(one.misfit, other.misfit), picture, share)
+    return Explanation(torch.minimum(one.misfit, other.misfit), picture)
 
 
 def _candidates(pictures: Pictures, radiance: Float[Tensor, "3 p"]) -> Iterator[Float[Tensor, "o a 3 p"]]:

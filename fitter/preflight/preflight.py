@@ -7,6 +7,7 @@ from pathlib import Path
 
 import torch
 
+from fitter.album import KEPT, Album
 from fitter.loading import Loaded
 from fitter.photographs import Photograph
 from fitter.preflight.duplicates import duplicate_findings, rows_of
@@ -64,6 +65,12 @@ def preflight(loaded: Loaded, trace: Tracer, scene_file: Path, seed: int = 0, mo
     seen = [i for i in range(len(numbers)) if not any(each.where == names[i] for each in lost)]
     lit = _light(loaded, [numbers[i] for i in _evenly(seen, MOST)], trace, scene_file, seed)
     return [*_mesh(turn, lit), *lost, *lit, *found]
+
+
+def affordable(photographs: Album) -> int:
+    """How many photographs a fit may look at beforehand: those that its album keeps are read for both."""
+    first = photographs[0]
+    return max(2, min(MOST, KEPT // (first.radiance.nbytes + first.mask.nbytes)))
 
 
 def _evenly(numbers: Sequence[int], most: int | None) -> list[int]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 from scipy import ndimage
 from torch import Tensor
 
@@ -15,7 +15,8 @@ WIDE_SHARE = 0.015  # of the object's size: what a larger photograph may be blur
 CONTRAST = 0.2  # of the profile's brightest, below which it shows no edge
 PROFILES = 400
 FEWEST = 24
-REACH = 6  # pixels to either side
+REACH, STEP = 6, 0.25  # pixels to either side, and between samples
+AROUND = 4  # pixels that tell an edge's direction
 
 
 def sharpness_finding(photograph: Photograph, inside: Bool[Tensor, "h w"], where: str) -> Finding | None:
@@ -31,29 +32,34 @@ def sharpness_finding(photograph: Photograph, inside: Bool[Tensor, "h w"], where
 def edge_width(light: Float[np.ndarray, "h w"], inside: Bool[np.ndarray, "h w"]) -> float | None:
     """Median over the edge's profiles of their step over their steepest slope, in pixels; None without contrast.
 
-    Of a step blurred by a Gaussian this is √(2π) times its standard deviation; of a sharp one, 1.
+    Of a step blurred by a Gaussian this is √(2π) times its standard deviation; of a sharp one, 1 to 2.
     """
-    from skimage.segmentation import find_boundaries
-
-    rows, columns = find_boundaries(inside, mode="inner").nonzero()
-    if len(rows) < FEWEST:
+    place = _edge_places(inside)
+    outwards = _outwards(inside, place)
+    known = np.hypot(*outwards) > 0
+    if known.sum() < FEWEST:
         return None
-    every = max(1, len(rows) // PROFILES)
-    rows, columns = rows[::every], columns[::every]
-    soft = ndimage.gaussian_filter(inside.astype(float), 2.0)
-    down, right = (ndimage.map_coordinates(axis, [rows, columns], order=1) for axis in np.gradient(soft))
-    length = np.hypot(down, right)
-    known = length > 1e-3
-    along = np.arange(-REACH, REACH + 0.25, 0.25)
-    where = [
-        place[known, None] - step[known, None] / length[known, None] * along
-        for place, step in ((rows, down), (columns, right))
-    ]
-    within = np.all([(w >= 0) & (w <= n - 1) for w, n in zip(where, light.shape, strict=True)], axis=(0, 2))
-    profile = ndimage.map_coordinates(np.sqrt(np.maximum(light, 0)), where, order=1)[within]
-    if len(profile) < FEWEST:
-        return None
-    slope = np.abs(np.diff(profile, axis=1)).max(1) / 0.25
+    along = np.arange(-REACH, REACH + STEP, STEP)
+    steps = (outwards / np.maximum(np.hypot(*outwards), 1e-9))[:, known, None] * along
+    profile = np.sqrt(np.maximum(ndimage.map_coordinates(light, place[:, known, None] + steps, order=1), 0))
+    slope = np.abs(np.diff(profile, axis=1)).max(1) / STEP
     step = np.abs(profile[:, along <= -3].mean(1) - profile[:, along >= 3].mean(1))
-    clear = step > CONTRAST * np.abs(profile).max(1)
+    clear = step > CONTRAST * profile.max(1)
     return float(np.median(step[clear] / slope[clear])) if clear.sum() >= FEWEST else None
+
+
+def _edge_places(inside: Bool[np.ndarray, "h w"]) -> Int[np.ndarray, "2 p"]:
+    """Row and column of some pixels of the object that have a neighbour beside it, away from the picture's border."""
+    within = inside[1:-1, 1:-1]
+    surrounded = inside[:-2, 1:-1] & inside[2:, 1:-1] & inside[1:-1, :-2] & inside[1:-1, 2:]
+    place = np.array((within & ~surrounded).nonzero()) + 1
+    far = (place >= REACH + 1) & (place < np.array(inside.shape)[:, None] - REACH - 1)
+    place = place[:, far.all(0)]
+    return place[:, :: max(1, place.shape[1] // PROFILES)]
+
+
+def _outwards(inside: Bool[np.ndarray, "h w"], place: Int[np.ndarray, "2 p"]) -> Float[np.ndarray, "2 p"]:
+    """The direction away from the object, as the pixels around each place have it; of any length."""
+    offset = np.mgrid[-AROUND : AROUND + 1, -AROUND : AROUND + 1].reshape(2, -1)
+    row, column = place[:, :, None] + offset[:, None]
+    return -(inside[row, column] * offset[:, None]).sum(-1).astype(float)

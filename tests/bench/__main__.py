@@ -23,6 +23,7 @@ from tests.bench import (
     loop,
     parity,
     plan,
+    preflight,
     race,
     recovery,
     scaling,
@@ -75,6 +76,7 @@ def parts(asked: argparse.Namespace) -> Parts:
         "parity": ("GLSL against torch", parity.rows),
         "frame": ("Time of a picture", frame.rows),
         "plan": ("Only the effects that a scene calls for", plan.rows),
+        "preflight": ("Faults that `check` finds", lambda variant: preflight.rows()),
         "race": ("Against Mitsuba's own inverse rendering", race.rows),
         "scaling": (
             "Time and memory",
