@@ -41,7 +41,8 @@ def edge_width(light: Float[np.ndarray, "h w"], inside: Bool[np.ndarray, "h w"])
         return None
     along = np.arange(-REACH, REACH + STEP, STEP)
     steps = (outwards / np.maximum(np.hypot(*outwards), 1e-9))[:, known, None] * along
-    profile = np.sqrt(np.maximum(ndimage.map_coordinates(light, place[:, known, None] + steps, order=1), 0))
+    root = np.sqrt(np.maximum(light, 0))  # lamps and their reflections shall not drown the edge
+    profile = ndimage.map_coordinates(root, place[:, known, None] + steps, order=1)
     slope = np.abs(np.diff(profile, axis=1)).max(1) / STEP
     step = np.abs(profile[:, along <= -3].mean(1) - profile[:, along >= 3].mean(1))
     clear = step > CONTRAST * profile.max(1)
