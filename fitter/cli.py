@@ -17,6 +17,7 @@ from typer.exceptions import TyperException
 
 from fitter.advise_command import advise
 from fitter.batch_command import batch
+from fitter.check_command import check
 from fitter.command_options import Out
 from fitter.fit_command import DONE, NO_MATERIAL, demo, fit
 from fitter.frontier_command import frontier
@@ -41,6 +42,7 @@ app.command()(view)
 app.command()(advise)
 app.command()(frontier)
 app.command()(plan)
+app.command()(check)
 app.command()(probe)
 app.command()(fit)
 app.command()(batch)

@@ -68,6 +68,9 @@ def chosen(
     ] = False,
     with_: With = None,
     without: Without = None,
+    no_check: Annotated[
+        bool, typer.Option("--no-check", help="Do not look for what is wrong with the input, as `check` does.")
+    ] = False,
     solver: Annotated[SolverName, typer.Option(help="Least squares by which method.")] = SolverName.lm,
     seed: Seed = 0,
     device: Device = "cpu",
@@ -92,6 +95,7 @@ def chosen(
         polish=polish,
         tolerance=tolerance,
         refine_pose=refine_pose,
+        check=not no_check,
         wanted=tuple(with_ or ()),
         unwanted=tuple(without or ()),
     )
@@ -130,12 +134,17 @@ def _require_free(tolerance: float | None, numbers: dict[str, int | None]) -> No
 
 
 def _fit(scene: Path, out: Path, options: FitOptions, quiet: bool, begun: float) -> int:
-    with progress_bar(quiet) as progress:
-        progress("starting", 0)
-        from fitter.pipeline import fit_scene
+    warnings: list[str] = []
+    try:
+        with progress_bar(quiet) as progress:
+            progress("starting", 0)
+            from fitter.pipeline import fit_scene
 
-        command = shlex.join(["fit-material", *sys.argv[1:]])
-        result = fit_scene(scene, out, replace(options, command=command), progress, begun)
+            command = shlex.join(["fit-material", *sys.argv[1:]])
+            result = fit_scene(scene, out, replace(options, command=command), progress, begun, warnings.append)
+    finally:  # where the fit fails, they may say why
+        for sentence in warnings:
+            print(f"fit-material: {sentence}", file=sys.stderr)
     _print_result(result, out)
     return DONE if result.status == "converged" else NO_MATERIAL
 

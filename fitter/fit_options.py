@@ -27,6 +27,7 @@ class FitOptions:
         tolerance: relative movement that no determined number is to exceed, in (0, 1): pixels, samples and levels are
             then what it takes; None where they are the fidelity's.
         refine_pose: whether the cameras are moved to where outlines and pixels agree before anything is fitted.
+        check: whether to look for what is wrong with the input, before.
         wanted, unwanted: effects of `shaders.effects` that are simulated, or not, whatever the plan says.
     """
 
@@ -42,3 +43,4 @@ class FitOptions:
     wanted: tuple[str, ...] = ()
     unwanted: tuple[str, ...] = ()
     refine_pose: bool = False
+    check: bool = False

@@ -39,6 +39,8 @@ class Photograph:
         nonfinite: pixels left out only because a channel is NaN or infinite.
         inputs: the files that it was read from.
         lossy: whether a file is compressed by blocks, within which errors go together.
+        outline: pixels that are mostly the object's, by alpha channel and mask as they are, [h, w]; None without
+            either.
     """
 
     name: str
@@ -50,6 +52,7 @@ class Photograph:
     nonfinite: int
     inputs: tuple[InputFile, ...] = ()
     lossy: bool = False
+    outline: Bool[Tensor, "h w"] | None = None
 
 
 def read_photograph(spec: PhotographSpec, scene_file: str | Path, index: int = 0) -> Photograph:
@@ -67,10 +70,14 @@ def read_photograph(spec: PhotographSpec, scene_file: str | Path, index: int = 0
     radiance, finite, clipped = seen.radiance, seen.finite, seen.clipped
     field = f"photographs[{index}]"
     inside = torch.ones(radiance.shape[:2], dtype=torch.bool)
+    outlines = []
     if seen.alpha is not None:
         inside &= seen.alpha >= COVERED
+        if not bool((seen.alpha >= COVERED).all()):  # opaque throughout, it says nothing
+            outlines.append(seen.alpha >= 0.5)
     if spec.mask is not None:
-        inside &= _mask(spec.mask, radiance.shape[:2], scene_file, f"{field}.mask")
+        outlines.append(_mask(spec.mask, radiance.shape[:2], scene_file, f"{field}.mask"))
+        inside &= ~dilated(~outlines[-1], 1)
     if not inside.any():
         if spec.mask is None:
             expected = "an alpha channel with fully covered pixels"
@@ -93,6 +100,7 @@ def read_photograph(spec: PhotographSpec, scene_file: str | Path, index: int = 0
         nonfinite=int((inside & ~finite).sum()),
         inputs=_inputs(spec),
         lossy=any(path.suffix.lower() in LOSSY for path in spec.images or (spec.image,)),
+        outline=torch.stack(outlines).all(0) if outlines else None,
     )
 
 
@@ -119,9 +127,9 @@ def _unusable(
 
 
 def _mask(path: Path, size: torch.Size, scene_file: str | Path, field: str) -> Bool[Tensor, "h w"]:
-    """White pixels of a mask file that have only white neighbours: a drawn border may be half covered."""
+    """White pixels of a mask file; a drawn border may be half covered, so that those beside black ones are not used."""
     white = torch.from_numpy(read_image(path, "linear").radiance).mean(-1) > 0.5
     if white.shape != size:
         found = f"{path.name} with {white.shape[1]} × {white.shape[0]} pixels"
         raise InputError(scene_file, field, found, f"the photograph's {size[1]} × {size[0]} pixels")
-    return ~dilated(~white, 1)
+    return white

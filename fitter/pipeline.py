@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -25,6 +25,7 @@ from fitter.planned_fit import PlannedFit, fit_planned
 from fitter.polish import require_polishable
 from fitter.pose_file import transforms_json
 from fitter.pose_refinement import RefinedPoses, pose_fidelity, refine_poses
+from fitter.preflight.preflight import affordable, preflight
 from fitter.quality import ViewPictures
 from fitter.reflectances import REFLECTANCES
 from fitter.report import comparison_png, render_report
@@ -35,6 +36,7 @@ from fitter.summary import status_of
 from renderer import gbuffer
 from renderer.atomic import replaced_together, write_bytes_atomically, write_text_atomically
 from renderer.box_filter import box_filtered
+from renderer.errors import InputError
 from renderer.gbuffer import GBuffer, Tracer
 from renderer.picture import draw
 from renderer.surroundings import directional_light
@@ -50,6 +52,7 @@ def fit_scene(
     options: FitOptions,
     progress: Progress = lambda stage, share: None,
     begun: float | None = None,
+    warn: Callable[[str], None] = lambda sentence: None,
 ) -> Result:
     """Fit the materials of a scene and write `result.json`, two MTL files and `report.html` into a folder.
 
@@ -61,6 +64,7 @@ def fit_scene(
         options: how to fit.
         progress: told the stage and its share done.
         begun: `time.perf_counter()` when the program began, so that its start-up counts as loading.
+        warn: told what is wrong with the input, if that is looked for.
 
     Raises:
         InputError: about the first thing in the input that is wrong.
@@ -77,6 +81,7 @@ def fit_scene(
         compiling().add_done_callback(_load_plotting)
     with one_thread_per_operation(), replaced_together(out) as folder:
         trace = gbuffer.tracer(loaded.shape)
+        warnings = _warnings(loaded, trace, scene_file, options, progress, warn)
         setting = setting_of(loaded, options, device)
         refined = _refined(loaded, trace, options, device, progress, scene_file) if options.refine_pose else None
         loaded = loaded if refined is None else refined.loaded
@@ -87,7 +92,7 @@ def fit_scene(
         progress("writing the report", 0)
         views = _views(loaded, trace, parts)
         outliers = outlier_maps(parts, loaded.photographs.thumbnails, views)
-        result = _result(loaded, planned, views, outliers, clock, refined)
+        result = _result(loaded, planned, views, outliers, clock, refined, warnings)
         alone = strips(planned, loaded.photographs.thumbnails[0], trace)
         curves = [_curve(part) for part in parts]
         page = render_report(result, views, curves, alone, outliers, command=options.command)
@@ -146,6 +151,30 @@ class _Clock:
             report=now - self.fitted,
             total=now - self.began,
         )
+
+
+def _warnings(
+    loaded: Loaded,
+    trace: Tracer,
+    scene_file: Path,
+    options: FitOptions,
+    progress: Progress,
+    warn: Callable[[str], None],
+) -> list[str]:
+    """What is wrong with the input, a sentence each; it stops no fit, and nor does its search."""
+    if not options.check:
+        return []
+    progress("checking the input", 0)
+    try:
+        most = affordable(loaded.photographs)
+        found = [f"Check: {each}." for each in preflight(loaded, trace, scene_file, options.seed, most)]
+    except InputError:  # the fit will say so
+        return []
+    except Exception as error:
+        found = [f"Check: the input could not be checked ({' '.join(str(error).split())})."]
+    for sentence in found:
+        warn(sentence)
+    return found
 
 
 def _curve(part: FittedPart) -> Curve | None:
@@ -231,6 +260,7 @@ def _result(
     outliers: Sequence[OutlierMap],
     clock: _Clock,
     refined: RefinedPoses | None,
+    warnings: Sequence[str],
 ) -> Result:
     parts = planned.parts
     setting, materials = parts[0].setting, tuple(part.material for part in parts)
@@ -242,7 +272,7 @@ def _result(
     polish = any(part.polish is not None for part in parts)
     return Result(
         status=status_of([part.choice for part in parts], materials),
-        message=" ".join([_message(loaded, planned, fidelity, refined), *told(outliers)]),
+        message=" ".join([_message(loaded, planned, fidelity, refined), *told(outliers), *warnings]),
         materials=materials,
         quality=quality.assess(views),
         exposure=tuple(factor * each for factor, each in zip(fitted, known, strict=True)),

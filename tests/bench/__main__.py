@@ -26,6 +26,7 @@ from tests.bench import (
     parity,
     plan,
     pose,
+    preflight,
     race,
     recovery,
     scaling,
@@ -80,6 +81,7 @@ def parts(asked: argparse.Namespace) -> Parts:
         "frame": ("Time of a picture", frame.rows),
         "plan": ("Only the effects that a scene calls for", plan.rows),
         "pose": ("Poses that are off, and mended", partial(pose.rows, shapes=asked.shapes)),
+        "preflight": ("Faults that `check` finds", lambda variant: preflight.rows()),
         "race": ("Against Mitsuba's own inverse rendering", race.rows),
         "scaling": (
             "Time and memory",

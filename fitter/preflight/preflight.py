@@ -1,0 +1,121 @@
+"""All findings about a scene, in the order in which one would mend them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import torch
+
+from fitter.album import KEPT, Album
+from fitter.loading import Loaded
+from fitter.photographs import Photograph
+from fitter.preflight.duplicates import duplicate_findings, rows_of
+from fitter.preflight.finding import Finding, percent
+from fitter.preflight.light import Named, findings, steps
+from fitter.preflight.looks import look
+from fitter.preflight.pictures import Light
+from fitter.preflight.pixels import pixel_findings
+from fitter.preflight.sharpness import sharpness_finding
+from fitter.preflight.silhouette import MeshTurn, Sighting, mesh_turn, silhouette_findings, turned
+from fitter.preflight.suppositions import Supposition, Tribunal
+from renderer.errors import InputError
+from renderer.gbuffer import Tracer
+from renderer.images import ENDINGS
+from renderer.scene import PhotographSpec
+from renderer.surroundings import directional_light
+
+MOST = 8  # photographs that a coarse fit looks at
+FLOATS = (".exr", ".hdr", ".npy", *ENDINGS)
+
+
+def preflight(loaded: Loaded, trace: Tracer, scene_file: Path, seed: int = 0, most: int | None = None) -> list[Finding]:
+    """What is wrong with a scene's input.
+
+    Args:
+        loaded: the scene.
+        trace: of its object.
+        scene_file: for the sentences.
+        seed: of the choice of pixels and of the integration.
+        most: photographs to look at, evenly drawn; None for all. The coarse fit looks at `MOST` of them.
+
+    Raises:
+        InputError: a photograph cannot be read.
+    """
+    numbers = _evenly(range(len(loaded.photographs)), most)
+    found: list[Finding] = []
+    sightings, rows, names = [], [], []
+    for number in numbers:
+        photograph = loaded.photographs[number]
+        where = f"photographs[{number}] ({photograph.name})"
+        sighting = Sighting.of(photograph, trace)
+        inside = sighting.inside(photograph)
+        found += pixel_findings(photograph, inside, where)
+        blurred = sharpness_finding(photograph, inside, where)
+        found += [blurred] if blurred is not None else []
+        sightings.append(sighting)
+        rows.append(rows_of(photograph))
+        names.append(where)
+    found += duplicate_findings(rows, names)
+    turn = mesh_turn(sightings, trace)
+    if turn is not None:
+        trace = turned(trace, turn.matrix)
+        sightings = [each.by(trace) for each in sightings]
+    lost = silhouette_findings(sightings, names)
+    seen = [i for i in range(len(numbers)) if not any(each.where == names[i] for each in lost)]
+    lit = _light(loaded, [numbers[i] for i in _evenly(seen, MOST)], trace, scene_file, seed)
+    return [*_mesh(turn, lit), *lost, *lit, *found]
+
+
+def affordable(photographs: Album) -> int:
+    """How many photographs a fit may look at beforehand: those that its album keeps are read for both."""
+    first = photographs[0]
+    return max(2, min(MOST, KEPT // (first.radiance.nbytes + first.mask.nbytes)))
+
+
+def _evenly(numbers: Sequence[int], most: int | None) -> list[int]:
+    """At most so many of them, from first to last."""
+    if most is None or len(numbers) <= most:
+        return list(numbers)
+    return [numbers[round(i * (len(numbers) - 1) / max(1, most - 1))] for i in range(most)]
+
+
+def _light(loaded: Loaded, numbers: Sequence[int], trace: Tracer, scene_file: Path, seed: int) -> list[Finding]:
+    """What a coarse fit finds."""
+    if not numbers:
+        return []
+    try:
+        looks = look(loaded.photographs, numbers, trace, scene_file, len(loaded.materials), seed)
+    except InputError as error:
+        return [Finding("silhouette", error.field, "0 pixels that can be fitted", f"there has to be {error.expected}")]
+    sources = [directional_light(light) for light in loaded.scene.lights]
+    light = Light.of(loaded.environment, sources)
+    linear = [_is_linear(loaded.scene.photographs[number]) for number in numbers]
+    tribunal = Tribunal(looks, light, torch.tensor(linear), seed)
+    called = [_named(number, loaded.photographs[number]) for number in numbers]
+    start = Supposition(gains="each") if any(each.exposure is None for each in called) else Supposition()
+    return findings(steps(tribunal, start), called, tribunal)
+
+
+def _named(number: int, photograph: Photograph) -> Named:
+    exposure = photograph.exposure
+    return Named(number, photograph.name, None if exposure == "fit" else exposure)
+
+
+def _is_linear(spec: PhotographSpec) -> bool:
+    """Whether the pixels are declared to be linear."""
+    if spec.encoding is not None:
+        return spec.encoding == "linear"
+    return spec.image.suffix.lower() in FLOATS
+
+
+def _mesh(turn: MeshTurn | None, lit: Sequence[Finding]) -> list[Finding]:
+    """What is to be said of a mesh that has to be turned."""
+    if turn is None:
+        return []
+    told = f"turn the mesh so that its {turn.up} becomes +Y" if turn.up != "+Y" else "turn the mesh"
+    remedy = told + (f", then by {turn.turn}° about +Y" if turn.turn else "")
+    value = (
+        f"the mesh's silhouettes overlap the masks by {percent(turn.before)} (IoU), and by {percent(turn.after)} turned"
+    )
+    return [Finding("up-axis", "geometry.mesh against photographs' cameras", value, remedy)]
