@@ -15,6 +15,7 @@ from fitter.option_names import (
     DtypeName,
     FidelityName,
     FittedLobeName,
+    MapName,
     PriorName,
     ReflectanceName,
     SolverName,
@@ -63,6 +64,10 @@ def fit(
     polish: Annotated[
         bool, typer.Option("--polish", help="Fit metals once more with Mitsuba's paths: interreflection. Needs LLVM.")
     ] = False,
+    maps: Annotated[
+        list[MapName] | None,
+        typer.Option(help="Textures to recover, of glossy and matte materials; the mesh needs texture coordinates."),
+    ] = None,
     with_: With = None,
     without: Without = None,
     solver: Annotated[SolverName, typer.Option(help="Least squares by which method.")] = SolverName.lm,
@@ -79,7 +84,7 @@ def fit(
     accuracy = fidelity_of(fidelity.value, **words, **numbers)  # type: ignore[arg-type] — the enums' values
     _require_free(tolerance, {key: numbers[key] for key in ("samples", "pixels", "levels")})
     chosen = (type_.value, accuracy, prior.value, solver.value)
-    effects = (tuple(with_ or ()), tuple(without or ()))
+    effects = (tuple(with_ or ()), tuple(without or ()), tuple({each.value: None for each in maps or ()}))
     code = _fit(scene, out, *chosen, seed, device, quiet, polish=polish, tolerance=tolerance, effects=effects)
     raise typer.Exit(code)
 
@@ -119,7 +124,7 @@ def _fit(
     begun: float = BEGUN,
     polish: bool = False,
     tolerance: float | None = None,
-    effects: tuple[tuple[str, ...], tuple[str, ...]] = ((), ()),
+    effects: tuple[tuple[str, ...], ...] = ((), (), ()),
 ) -> int:
     with progress_bar(quiet) as progress:
         progress("starting", 0)

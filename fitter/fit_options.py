@@ -23,6 +23,7 @@ class FitOptions:
         polish: whether metals are fitted once more with Mitsuba's paths, whatever the plan says of interreflection.
         tolerance: relative movement that no determined number is to exceed, in (0, 1): pixels, samples and levels are
             then what it takes; None where they are the fidelity's.
+        maps: textures to recover: "color", or none.
         wanted, unwanted: effects of `shaders.effects` that are simulated, or not, whatever the plan says.
     """
 
@@ -37,3 +38,4 @@ class FitOptions:
     tolerance: float | None = None
     wanted: tuple[str, ...] = ()
     unwanted: tuple[str, ...] = ()
+    maps: tuple[str, ...] = ()

@@ -10,6 +10,7 @@ from pathlib import Path
 import torch
 
 from fitter import quality
+from fitter.color_map import require_mappable, with_color_map, with_written_maps
 from fitter.consistent import require_consistent
 from fitter.curves import Curve, reflectance_curve
 from fitter.devices import torch_device
@@ -74,7 +75,11 @@ def fit_scene(
     with one_thread_per_operation(), replaced_together(out) as folder:
         trace = gbuffer.tracer(loaded.shape)
         setting = setting_of(loaded, options, device)
+        require_mappable(loaded.shape, loaded.scene.geometry.mesh, options.maps)
         planned = fit_planned(loaded, trace, setting, options, progress, scene_file)
+        if "color" in options.maps:
+            mapped = [with_color_map(part, loaded, trace, options.seed, progress) for part in planned.parts]
+            planned = replace(planned, parts=with_written_maps(mapped, loaded.name, folder))
         parts = planned.parts
         solving = sum(part.choice.fit.solve_seconds for part in parts)
         clock = _Clock(began, read, time.perf_counter(), loaded.photographs.seconds, solving)

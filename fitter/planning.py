@@ -72,6 +72,7 @@ class Planner:
             footprint=fidelity.footprint,
             untraced=_untraced(types, fidelity) or spared(self._free),
             found=found is not None,
+            maps=frozenset(options.maps),
         )
         tolerance = options.tolerance or TOLERANCE
         materials = possible(types) if found is None else found

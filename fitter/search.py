@@ -23,6 +23,7 @@ from fitter.selection import Observations
 from fitter.setting import Setting
 from fitter.solve import ROUGH, Solution, Solver
 from fitter.starts import STARTS
+from fitter.textured_pixels import SpottedPixels
 from fitter.uncertainty import unbiased
 from renderer.transport import LightTable
 from shaders import fresnel
@@ -88,7 +89,10 @@ class Problem:
 
     @cached_property
     def _body(self) -> PixelModel:
-        return self.setting.pixels(self.observed.surface, body=True)
+        model, observed = self.setting.pixels(self.observed.surface, body=True), self.observed
+        if observed.spot is None:
+            return model
+        return SpottedPixels(model, observed.spot, observed.radiance, relative_weight(observed.radiance))
 
     def pixels(self, kind: MaterialType) -> PixelModel:
         """The pixels' model, with what that type calls for and nothing else, and without a table so far."""
@@ -217,7 +221,7 @@ def _whitening(problem: Problem, picture: Float[Tensor, "p 3"]) -> Float[Tensor,
     """
     seen = problem.observed.radiance
     if not problem.fidelity.blurs:
-        return local_whitening(picture - seen, picture, problem.neighbours, EXACT)
+        return local_whitening(picture - seen, picture, problem.neighbours, EXACT) * problem.observed.freedom**0.5
     weight = relative_weight(seen)
     return even_whitening(weight, max(scatter((picture - seen) * weight), EXACT))
 

@@ -12,6 +12,7 @@ from torch import Tensor
 from fitter.fidelity import Fidelity
 from fitter.pixel_model import DIFFUSE_DEGREE, PixelModel, central, exact_pixels, viewer_pixels
 from fitter.reflectances import REFLECTANCES
+from fitter.textured_pixels import TintedPixels
 from renderer import cubemap, transport
 from renderer.cubemap import Cubemap
 from renderer.environment import Environment
@@ -21,6 +22,7 @@ from renderer.irradiance import diffuse_table
 from renderer.mirror import mirror_table
 from renderer.occlusion import Occluder
 from renderer.surroundings import Surroundings, surroundings
+from renderer.textures import Texture, lookup
 from renderer.transport import LightTable
 from shaders.effects import NAMES
 from shaders.materials import Material
@@ -42,6 +44,7 @@ class Setting:
         seed: of the integration.
         effects: the names of those that are simulated, of `shaders.effects`.
         occluder: the object, where it may stand before its own light.
+        color_map: the tint of the body by texture coordinates; None where it is even.
     """
 
     environment: Environment
@@ -50,6 +53,7 @@ class Setting:
     seed: int = 0
     effects: frozenset[str] = NAMES
     occluder: Occluder | None = None
+    color_map: Texture | None = None
 
     def simulating(self, effects: frozenset[str]) -> Setting:
         """The same light with these effects, and no others."""
@@ -66,8 +70,14 @@ class Setting:
             body: whether diffuse light is integrated.
             shown: whether it is for pictures to look at, whose ambient occlusion may be known to a few per cent.
         """
+        model = self._even_pixels(self._rays(surface), body, shown)
+        if self.color_map is None or "color-map" not in self.effects or not body:
+            return model
+        return TintedPixels(model, lookup(self.color_map, surface.uv).double().mean(1))
+
+    def _even_pixels(self, surface: GBuffer, body: bool, shown: bool) -> PixelModel:
+        """The model of pixels in one colour."""
         reflectance = REFLECTANCES[self.fidelity.reflectance]
-        surface = self._rays(surface)
         if self.fidelity.blurs:
             return viewer_pixels(surface, self.viewers.ambient, self.sources, reflectance)
         diffuse = self._diffuse(surface, shown) if body else None

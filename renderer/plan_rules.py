@@ -10,7 +10,7 @@ SCATTERS = frozenset({"glossy", "matte"})
 
 NOT_WITH = {
     "normal-map": "a map, which a scene file cannot name so far",
-    "color-map": "a map, which a scene file cannot name so far",
+    "color-map": "a map, which --maps color recovers",
     "double-bounce": "a map of ambient occlusion, which a scene file cannot name so far",
     "captured-neighbours": "the viewer: fits leave out pixels that mirror other objects, or follow rays to them",
     "depth-scaled-blur": "the viewer: fits leave out pixels that mirror other objects, or follow rays to them",
@@ -38,6 +38,7 @@ class Facts:
         footprint: rays along each side of a pixel that were asked for.
         untraced: why no paths are traced here, because they cannot be or need not; None where they may.
         found: whether the materials are known, and not just possible.
+        maps: textures that are recovered.
     """
 
     kinds: frozenset[str]
@@ -48,6 +49,7 @@ class Facts:
     footprint: int
     untraced: str | None = None
     found: bool = False
+    maps: frozenset[str] = frozenset()
 
     @property
     def mirrors(self) -> bool:
@@ -77,6 +79,8 @@ def why_on(facts: Facts) -> dict[str, str]:
     sought = {} if facts.found and not facts.blurs else {"blur": "the roughness is sought"}
     if "metal" in facts.kinds:
         sought["exact-fresnel"] = "n and k differ in it alone"
+    if "color" in facts.maps:
+        sought["color-map"] = "--maps color recovers it"
     horizon = "light from below the surface is not counted"
     return {"reflection": facts.materials, "diffuse-irradiance": facts.materials, "horizon": horizon, **sought}
 
@@ -114,6 +118,10 @@ def _one_ray(facts: Facts) -> str | None:
     return None if facts.footprint > 1 else "one ray per pixel was asked for"
 
 
+def _no_color_map(facts: Facts) -> str | None:
+    return None if "color" in facts.maps else "none is given"
+
+
 def _never(why: str) -> Rule:
     return lambda facts: why
 
@@ -136,7 +144,7 @@ _RULES: Mapping[str, tuple[Rule, ...]] = {
     "diffuse-irradiance": (_no_body,),
     "energy-guard": (_one_part, _above_thesis("a rough dielectric's own transmittance keeps the energy")),
     "normal-map": (_never("none is given"),),
-    "color-map": (_never("none is given"),),
+    "color-map": (_no_color_map, _no_body),
     "ambient-occlusion": (_no_body, _convex, _in_thesis("the viewer has none where no map of it is given")),
     "double-bounce": (_never("no ambient-occlusion map is given"),),
     "captured-neighbours": (
