@@ -21,7 +21,6 @@ from fitter.progress import Progress
 from fitter.result import Result
 from fitter.summary import status_of
 from fitter.viewpoints import viewpoints
-from renderer import gbuffer
 from renderer.errors import InputError
 from renderer.threads import one_thread_per_operation
 
@@ -59,7 +58,7 @@ def advise(
     if result is not None and result_file is not None:
         require_of_scene(result, result_file, loaded, scene_file)
     with one_thread_per_operation():
-        trace = gbuffer.tracer(loaded.shape)
+        trace = loaded.tracer()
         setting = setting_of(loaded, options, device)
         if result is None:
             parts = fit_parts(loaded, trace, setting, options, progress, scene_file)

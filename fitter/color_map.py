@@ -15,6 +15,7 @@ from fitter.color_map_rows import rows
 from fitter.color_map_solve import solve, texture_size
 from fitter.loading import Loaded
 from fitter.parts import FittedPart, Progress
+from fitter.pictures import LONGEST_SIDE, Rgba, png
 from fitter.result import FittedMaterial, Intervals, Maps
 from renderer.atomic import write_bytes_atomically
 from renderer.errors import InputError
@@ -55,8 +56,8 @@ class ColorMap:
         height, width = self.photographs.shape
         seen, often = (int((self.photographs >= least).sum()) for least in (1, 2))
         return (
-            f"The colour map has {width} × {height} texels, as fine as the photographs; {seen} of them are seen, {often} by"
-            f" two photographs or more, whose pixels scatter by {self.scatter:.2g} of their radiance about it."
+            f"The colour map has {width} × {height} texels, as fine as the photographs; {seen} of them are seen,"
+            f" {often} by two photographs or more; pixels scatter by {self.scatter:.2g} of their radiance about it."
         )
 
 
@@ -120,9 +121,9 @@ def _written(part: FittedPart, parts: int, stem: str, folder: Path) -> FittedPar
     assert part.color_map is not None
     base = _file_name(stem if parts == 1 else f"{stem}_{part.index}_{part.material.name}")
     names = Maps(color=f"{base}_color.png", color_seen=f"{base}_color_seen.png")
-    write_bytes_atomically(folder / names.color, _png(codes(part.color_map.color)))
+    write_bytes_atomically(folder / names.color, png(codes(part.color_map.color)))
     seen = np.minimum(part.color_map.photographs, 255).astype(np.uint8)
-    write_bytes_atomically(folder / names.color_seen, _png(seen))
+    write_bytes_atomically(folder / names.color_seen, png(seen))
     return replace(part, material=part.material.model_copy(update={"maps": names}))
 
 
@@ -136,7 +137,10 @@ def _file_name(text: str) -> str:
     return re.sub(r"[^\w.-]+", "_", text, flags=re.ASCII).strip("_.") or "material"
 
 
-def _png(picture: np.ndarray) -> bytes:
-    import imageio.v3 as iio
-
-    return iio.imwrite("<bytes>", picture, extension=".png")
+def shown(found: ColorMap) -> tuple[Rgba, Rgba]:
+    """The map, and how many photographs see each texel, for people: not more than `LONGEST_SIDE` texels along a side."""
+    step = -(-max(found.photographs.shape) // LONGEST_SIDE)
+    color, seen = codes(found.color[::step, ::step]), found.photographs[::step, ::step]
+    grey = np.round(255 * seen / max(1, seen.max())).astype(np.uint8)[..., None].repeat(3, -1)
+    whole = np.full_like(grey[..., :1], 255)
+    return np.concatenate([color, whole], -1), np.concatenate([grey, whole], -1)

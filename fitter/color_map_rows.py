@@ -78,7 +78,8 @@ def _occluded(
     part: FittedPart, photographs: Sequence[Photograph], trace: Tracer, looked_at: Sequence[int], seed: int
 ) -> OccludedBody | None:
     setting = part.setting
-    if setting.occluder is None or "ambient-occlusion" not in setting.effects:
+    mapped = part.index < len(setting.openness) and setting.openness[part.index] is not None
+    if setting.occluder is None or "ambient-occlusion" not in setting.effects or mapped:
         return None
     generator, places = torch.Generator().manual_seed(seed), []
     for index in looked_at:
@@ -130,7 +131,8 @@ def _some(mask: Bool[Tensor, "h w"]) -> Iterator[tuple[Tensor, Tensor]]:
 def _lit(part: FittedPart, surface: GBuffer, seen: Float[Tensor, "p 3"], occluded: OccludedBody | None) -> Rows:
     material, setting = part.choice.fit.material, part.setting
     assert isinstance(material, Glossy | Matte)
-    unhidden = setting.simulating(setting.effects - {"ambient-occlusion"})
+    known = {"ambient-occlusion"} if occluded is not None else set()
+    unhidden = setting.simulating(setting.effects - known)
     model = unhidden.pixels(surface, body=True, shown=True)
     assert isinstance(model, ExactPixels)
     if occluded is not None:

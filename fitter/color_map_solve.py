@@ -64,9 +64,9 @@ def solve(rows: Sequence[Rows], size: int, mean: Float[np.ndarray, "3"]) -> Solu
         Σ w² (seen - surface - body · mean of texels)² / σ² + Σ (c_t - c_u)² / τ²      per channel
 
     w is one over what the body would send out in its mean colour: a weight that knew a pixel's own noise would favour
-    one side of it, and dark texels are to be known as well as bright ones, not better. Neighbouring texels t, u are taken to differ by τ, as the last round's do in the root
-    mean square: so texels that pixels hardly touch follow their neighbours, and others what is seen. Pixels beyond
-    `ROBUST_AT` σ count by their distance alone.
+    one side of it, and dark texels are to be known as well as bright ones. Neighbouring texels t, u are taken to differ
+    by τ, as the last round's do in the root mean square: so texels that pixels hardly touch follow their neighbours,
+    and others what is seen. Pixels beyond `ROBUST_AT` σ count by their distance alone.
 
     Args:
         rows: of each photograph.

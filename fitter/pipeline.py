@@ -10,7 +10,7 @@ from pathlib import Path
 import torch
 
 from fitter import quality
-from fitter.color_map import require_mappable, with_color_map, with_written_maps
+from fitter.color_map import require_mappable, shown, with_color_map, with_written_maps
 from fitter.consistent import require_consistent
 from fitter.curves import Curve, reflectance_curve
 from fitter.devices import torch_device
@@ -29,7 +29,6 @@ from fitter.result import Effect, Model, Result, Time, write_result
 from fitter.setting import Setting
 from fitter.solve import compiling
 from fitter.summary import status_of
-from renderer import gbuffer
 from renderer.atomic import replaced_together, write_bytes_atomically, write_text_atomically
 from renderer.box_filter import box_filtered
 from renderer.gbuffer import GBuffer, Tracer
@@ -73,7 +72,7 @@ def fit_scene(
     if options.solver == "lm":
         compiling()
     with one_thread_per_operation(), replaced_together(out) as folder:
-        trace = gbuffer.tracer(loaded.shape)
+        trace = loaded.tracer()
         setting = setting_of(loaded, options, device)
         require_mappable(loaded.shape, loaded.scene.geometry.mesh, options.maps)
         planned = fit_planned(loaded, trace, setting, options, progress, scene_file)
@@ -87,7 +86,9 @@ def fit_scene(
         views = _views(loaded, trace, parts)
         result = _result(loaded, planned, views, clock)
         alone = strips(planned, loaded.photographs.thumbnails[0], trace)
-        page = render_report(result, views, [_curve(part) for part in parts], alone, command=options.command)
+        curves = [_curve(part) for part in parts]
+        maps = [(part.material.name, *shown(part.color_map)) for part in parts if part.color_map is not None]
+        page = render_report(result, views, curves, alone, maps=maps, command=options.command)
         write_text_atomically(folder / "report.html", page)
         write_bytes_atomically(folder / "comparison.png", comparison_png(views))
         write_text_atomically(folder / f"{loaded.name}.thesis.mtl", thesis_mtl(result.materials))
@@ -103,7 +104,8 @@ def setting_of(loaded: Loaded, options: FitOptions, device: torch.device) -> Set
     radiance = box_filtered(loaded.environment.radiance, fidelity.environment_size)
     environment = replace(loaded.environment, radiance=radiance.to(device, getattr(torch, fidelity.dtype)))
     sources = tuple(directional_light(light) for light in loaded.scene.lights)
-    return Setting(environment, sources, options.fidelity, options.seed)
+    openness = tuple(each.ambient_occlusion for each in loaded.maps)
+    return Setting(environment, sources, options.fidelity, options.seed, openness=openness)
 
 
 @dataclass(frozen=True)

@@ -52,6 +52,7 @@ def render_report(
     curves: Sequence[Curve | None],
     effects: Sequence[ViewPictures] = (),
     *,
+    maps: Sequence[tuple[str, Rgba, Rgba]] = (),
     command: str = "",
 ) -> str:
     """The report as one HTML page: pictures, curves and style inside, nothing loaded from elsewhere.
@@ -61,6 +62,7 @@ def render_report(
         views: the pictures of each photograph, in the result's order, with its names.
         curves: the reflectance curve of each material, in the result's order; None for one that mirrors nothing.
         effects: of each effect the picture with it, as `photograph`, and without, as `fit`; named by it.
+        maps: of each material that has one its name, its colour map, and how many photographs see each texel.
         command: the command line that made the result, shown as it is; "" shows none.
 
     Returns:
@@ -85,6 +87,7 @@ def render_report(
             for curve, material in zip(curves, result.materials, strict=True)
             if curve is not None
         ],
+        maps=maps,
         time=_shares(result),
         command=command,
     )
