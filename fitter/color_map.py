@@ -138,7 +138,7 @@ def _file_name(text: str) -> str:
 
 
 def shown(found: ColorMap) -> tuple[Rgba, Rgba]:
-    """The map, and how many photographs see each texel, for people: not more than `LONGEST_SIDE` texels along a side."""
+    """The map, and how many photographs see each texel, for people: at most `LONGEST_SIDE` texels along a side."""
     step = -(-max(found.photographs.shape) // LONGEST_SIDE)
     color, seen = codes(found.color[::step, ::step]), found.photographs[::step, ::step]
     grey = np.round(255 * seen / max(1, seen.max())).astype(np.uint8)[..., None].repeat(3, -1)

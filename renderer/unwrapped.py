@@ -14,6 +14,7 @@ from renderer.mesh import Mesh
 from renderer.raycast import barycentric, caster
 
 NEAREST = 8  # texels around a hole's, over the surface, that it is filled from
+ASIDE = (6.18e-4, 4.14e-4)  # of a texel: rays through their very centres often run along edges, and may miss both faces
 
 
 @dataclass(frozen=True)
@@ -46,7 +47,8 @@ def unwrapped(mesh: Mesh, material: int, height: int, width: int) -> Unwrapped:
         flat.reshape(-1, 3), np.arange(flat.shape[0] * 3).reshape(-1, 3), None, None, np.zeros(len(faces), int)
     )
     row, column = np.meshgrid(np.arange(height), np.arange(width), indexing="ij")
-    centres = np.stack([(column + 0.5) / width, 1 - (row + 0.5) / height, np.ones(row.shape)], -1).reshape(-1, 3)
+    right, below = 0.5 + np.array(ASIDE)
+    centres = np.stack([(column + right) / width, 1 - (row + below) / height, np.ones(row.shape)], -1).reshape(-1, 3)
     down = np.broadcast_to([0.0, 0.0, -1.0], centres.shape)
     face = caster(layout)(torch.from_numpy(centres), torch.from_numpy(down.copy()))
     inside = face >= 0
