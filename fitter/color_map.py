@@ -23,6 +23,7 @@ from renderer.gbuffer import Tracer
 from renderer.mesh import Mesh
 from renderer.textures import Texture
 from renderer.unwrapped import filled, unwrapped
+from shaders.materials import Glossy, Matte
 from shaders.tone_mapping import srgb
 
 SMALLEST, LARGEST = 16, 4096  # texels along a side
@@ -77,13 +78,15 @@ def with_color_map(part: FittedPart, loaded: Loaded, trace: Tracer, seed: int, p
     found = rows(part, loaded.photographs, trace, sorted(loaded.repeated), seed, lambda s: progress("colour map", s))
     size = texture_size(found, SMALLEST, LARGEST)
     progress("colour map", 1.0)
-    mean = part.choice.fit.material.color.numpy()  # type: ignore[union-attr] — it is no metal
+    material = part.choice.fit.material
+    assert isinstance(material, Glossy | Matte)
+    front = material.color * material.reflectance.clamp_min(1.0)  # of the body that `rows` has
+    mean = front.clamp_min(LEAST_MEAN).numpy()
     solution = solve(found, size, mean)
     layout = unwrapped(loaded.shape, part.index, size, size)
     color = np.clip(filled(solution.color, solution.solved, layout), 0, 1)
     made = ColorMap(color, np.where(layout.inside, solution.photographs, 0), solution.scatter)
-    tint = made.color / np.maximum(mean, LEAST_MEAN)
-    setting = replace(part.setting, color_map=Texture(torch.from_numpy(tint)))
+    setting = replace(part.setting, color_map=Texture(torch.from_numpy(made.color / mean)))
     told = f"{part.told} {_on_spots(part)}{made.sentence}"
     return replace(part, material=_recolored(part.material, made.mean), setting=setting, told=told, color_map=made)
 

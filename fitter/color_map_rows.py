@@ -21,7 +21,7 @@ from fitter.setting import Setting
 from fitter.textured_pixels import surface_and_body
 from renderer import gbuffer
 from renderer.gbuffer import GBuffer, Tracer
-from shaders.materials import Glossy, Matte
+from shaders.materials import Glossy, Material, Matte
 
 SIDE = 3  # rays along each side of a pixel
 MOST_PIXELS = 1_500_000  # of all photographs; of more, blocks of pixels are taken together
@@ -129,8 +129,7 @@ def _some(mask: Bool[Tensor, "h w"]) -> Iterator[tuple[Tensor, Tensor]]:
 
 
 def _lit(part: FittedPart, surface: GBuffer, seen: Float[Tensor, "p 3"], occluded: OccludedBody | None) -> Rows:
-    material, setting = part.choice.fit.material, part.setting
-    assert isinstance(material, Glossy | Matte)
+    material, setting = possible(part.choice.fit.material), part.setting
     known = {"ambient-occlusion"} if occluded is not None else set()
     unhidden = setting.simulating(setting.effects - known)
     model = unhidden.pixels(surface, body=True, shown=True)
@@ -142,6 +141,12 @@ def _lit(part: FittedPart, surface: GBuffer, seen: Float[Tensor, "p 3"], occlude
     table = unhidden.table_of(material, surface, min(setting.fidelity.samples, SAMPLES))
     mirrored, body = surface_and_body(model.under(table), material)
     return Rows(surface.uv.float(), _texture_area(surface), seen, mirrored, body)
+
+
+def possible(material: Material) -> Glossy | Matte:
+    """The material with a reflectance that it can have: a fit of a matte one may end above 1, and its colour below."""
+    assert isinstance(material, Glossy | Matte)
+    return replace(material, reflectance=material.reflectance.clamp_max(1.0))
 
 
 def _texture_area(surface: GBuffer) -> Float[Tensor, " p"]:

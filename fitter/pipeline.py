@@ -68,13 +68,13 @@ def fit_scene(
         require_polishable(options.fidelity)
     progress("reading", 0)
     loaded = load(scene_file)
+    require_mappable(loaded.shape, loaded.scene.geometry.mesh, options.maps)
     read = time.perf_counter()
     if options.solver == "lm":
         compiling()
     with one_thread_per_operation(), replaced_together(out) as folder:
         trace = loaded.tracer()
         setting = setting_of(loaded, options, device)
-        require_mappable(loaded.shape, loaded.scene.geometry.mesh, options.maps)
         planned = fit_planned(loaded, trace, setting, options, progress, scene_file)
         if "color" in options.maps:
             mapped = [with_color_map(part, loaded, trace, options.seed, progress) for part in planned.parts]

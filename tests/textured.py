@@ -31,6 +31,7 @@ def photograph_textured(
     size: int = 64,
     spp: int = 256,
     max_depth: int = 2,
+    normals: Float[np.ndarray, "h w 3"] | None = None,
 ) -> Path:
     """Write photographs, environment, mesh and scene file.
 
@@ -40,6 +41,7 @@ def photograph_textured(
         texture: linear, first row at v = 1.
         bsdf: a Mitsuba material; the texture takes the place of its `reflectance` or `diffuse_reflectance`.
         env, count, size, spp, max_depth: as of `renderer.synth.SynthOptions`; of depth 2 light is reflected once.
+        normals: a normal map, in [0, 1], or none.
 
     Returns:
         The scene file.
@@ -49,6 +51,10 @@ def photograph_textured(
     bitmap = mi.Bitmap(np.ascontiguousarray(texture[::-1], np.float32))  # Mitsuba's first row is at v = 0
     key = "reflectance" if bsdf["type"] == "diffuse" else "diffuse_reflectance"
     material = {**bsdf, key: {"type": "bitmap", "bitmap": bitmap, "raw": True}}
+    if normals is not None:
+        relief = mi.Bitmap(np.ascontiguousarray(normals[::-1], np.float32))
+        relief = {"type": "bitmap", "bitmap": relief, "raw": True}
+        material = {"type": "normalmap", "normalmap": relief, "bsdf": material}
     shape, environment = read_mesh(mesh), named_environment(env)
     poses = views(count, shape)
     folder.mkdir(parents=True, exist_ok=True)
