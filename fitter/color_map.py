@@ -76,6 +76,8 @@ def with_color_map(part: FittedPart, loaded: Loaded, trace: Tracer, seed: int, p
         return replace(part, told=f"{part.told} Metals have no body to be coloured, and no colour map.")
     assert isinstance(loaded.shape, Mesh)
     found = rows(part, loaded.photographs, trace, sorted(loaded.repeated), seed, lambda s: progress("colour map", s))
+    if not any((each.area > 0).any() for each in found):
+        return replace(part, told=f"{part.told} Its faces have no texture coordinates: there is no colour map of it.")
     size = texture_size(found, SMALLEST, LARGEST)
     progress("colour map", 1.0)
     material = part.choice.fit.material

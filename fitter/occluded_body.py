@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import torch
 from jaxtyping import Float
-from scipy.spatial import cKDTree
+from scipy.spatial import KDTree
 from torch import Tensor
 
 from renderer.environment import Environment
@@ -31,7 +31,7 @@ class OccludedBody:
         extent: of the object.
     """
 
-    tree: cKDTree
+    tree: KDTree
     share: Float[np.ndarray, "n 3"]
     extent: float
 
@@ -42,7 +42,7 @@ class OccludedBody:
         unhidden = diffuse_table(surface.normal, environment, 1, most=BLOCKS)[:, 0].clamp_min(1e-20)
         extent = float((surface.position.amax(0) - surface.position.amin(0)).norm())
         share = (hidden / unhidden).clamp(0, 1).double().numpy()
-        return OccludedBody(cKDTree(_features(surface, extent)), share, extent)
+        return OccludedBody(KDTree(_features(surface, extent)), share, extent)
 
     def at(self, surface: GBuffer) -> Float[Tensor, "p 3"]:
         """The share at points [p], from the nearest places that face alike, by their inverse squared distance."""

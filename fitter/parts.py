@@ -33,6 +33,7 @@ from fitter.uncertainty import Spread, spread
 from fitter.verdicts import seen_by
 from fitter.viewer_roughness import viewer_roughness
 from renderer.gbuffer import GBuffer, Tracer
+from shaders.materials import Glossy
 
 if TYPE_CHECKING:
     from fitter.color_map import ColorMap
@@ -117,8 +118,10 @@ def fit_parts(
                 progress=lambda share: progress("choosing pixels", share),
             )
 
-        spots = by(choose_spots) if "color" in options.maps else [None] * len(loaded.materials)
-        if all(spot is not None for spot in spots):
+        if "color" not in options.maps:
+            return by(choose_pixels)
+        spots = by(choose_spots)
+        if None not in spots:
             return spots
         return [spot or pixels for spot, pixels in zip(spots, by(choose_pixels), strict=True)]
 
@@ -207,7 +210,8 @@ def _part(index: int, name: str, observed: Observations, choice: Choice, setting
     rho = None
     if not setting.fidelity.blurs and fit.material.type != "matte":
         model = fit.residuals.model
-        tint = model.tint(fit.material) if isinstance(model, SpottedPixels) and fit.material.type == "glossy" else None
+        spotted = isinstance(model, SpottedPixels) and isinstance(fit.material, Glossy)
+        tint = model.tint(fit.material) if spotted else None
         rho = viewer_roughness(observed, setting.viewers, fit.material, tint)
     borrowed = borrow(fit, uncertainty, prior)
     material = fitted_material(name, fit, uncertainty, rho, nearest, borrowed)

@@ -72,11 +72,13 @@ def choose_spots(
     for index in looked_at:
         drawn.append(_drawn(photographs[index], trace, each, generator, (scene_file, f"photographs[{index}].camera")))
     spots = gbuffer.concatenate(drawn)
-    sightings = []
+    sightings, pixels = [], 0
     for done, index in enumerate(looked_at):
         progress(done / len(looked_at))
         sightings.append(_sighting(photographs[index], trace, spots, footprint))
-    return [_observed(sightings, index, count, index in kept, generator) for index in range(materials)]
+        pixels += int(photographs[index].mask.sum())
+    each_for = pixels / max(1, len(spots.hit))
+    return [_observed(sightings, index, count, index in kept, each_for, generator) for index in range(materials)]
 
 
 def _drawn(
@@ -126,9 +128,9 @@ def _interpolated(
 
 
 def _observed(
-    sightings: Sequence[_Sighting], material: int, count: int, kept: bool, generator: torch.Generator
+    sightings: Sequence[_Sighting], material: int, count: int, kept: bool, each_for: float, generator: torch.Generator
 ) -> Observations | None:
-    """The pixels of some spots of a material, all that there are of each."""
+    """The pixels of some spots of a material, all that there are of each; a spot stands for `each_for` pixels."""
     spot = torch.cat([each.spot for each in sightings])
     surface = gbuffer.concatenate([each.surface for each in sightings])
     radiance = torch.cat([each.radiance for each in sightings])
@@ -141,6 +143,7 @@ def _observed(
         return None
     times = torch.bincount(spot)
     again = (times >= 2).nonzero()[:, 0]
+    available = round(each_for * len(again))
     again = again[torch.randperm(len(again), generator=generator)]
     again = again[times[again].cumsum(0) <= count]
     if len(again) < FEWEST:
@@ -148,5 +151,5 @@ def _observed(
     chosen = torch.isin(spot, again)
     order = spot[chosen].argsort(stable=True)  # a spot's pixels together
     return Observations(
-        surface[chosen][order], radiance[chosen][order], self_seeing, False, int(times.sum()), spot[chosen][order]
+        surface[chosen][order], radiance[chosen][order], self_seeing, False, available, spot[chosen][order]
     )

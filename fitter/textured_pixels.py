@@ -39,7 +39,7 @@ class TexturedPixels(PixelModel):
         surface, body = surface_and_body(self.model, material)
         return surface + material.color * self.tint_by(surface, body) * body
 
-    def tint(self, material: Material) -> Float[Tensor, "p 3"]:
+    def tint(self, material: Glossy | Matte) -> Float[Tensor, "p 3"]:
         """The tint of every pixel under a material, glossy or matte."""
         return self.tint_by(*surface_and_body(self.model, material))
 

@@ -8,7 +8,7 @@ import numpy as np
 import torch
 from jaxtyping import Bool, Float
 from scipy.ndimage import distance_transform_edt
-from scipy.spatial import cKDTree
+from scipy.spatial import KDTree
 
 from renderer.mesh import Mesh
 from renderer.raycast import barycentric, caster
@@ -76,7 +76,7 @@ def filled(
     if source.any() and not source.all():
         values = texels[inside]
         count = min(NEAREST, int(source.sum()))
-        distance, index = cKDTree(layout.position[source]).query(layout.position[~source], count, workers=1)
+        distance, index = KDTree(layout.position[source]).query(layout.position[~source], count, workers=1)
         distance, index = distance.reshape(-1, count), index.reshape(-1, count)
         weight = 1 / np.maximum(distance, 1e-12) ** 2
         weight /= weight.sum(1, keepdims=True)
@@ -85,5 +85,5 @@ def filled(
     there = inside | known if source.any() else known
     if not there.any():
         return found
-    rows, columns = distance_transform_edt(~there, return_distances=False, return_indices=True)
+    rows, columns = distance_transform_edt(~there, return_distances=False, return_indices=True)  # type: ignore
     return found[rows, columns]
