@@ -14,7 +14,7 @@ from fitter.earlier_result import read_earlier_result, require_of_scene
 from fitter.fidelity import PRESETS, Fidelity, preset
 from fitter.fit_options import FitOptions
 from fitter.loading import load
-from fitter.nuisances import unknowns_of
+from fitter.nuisances import require_known
 from fitter.observer import Observer
 from fitter.parts import fit_parts
 from fitter.pipeline import setting_of, torch_device
@@ -22,11 +22,8 @@ from fitter.progress import Progress
 from fitter.result import Result
 from fitter.summary import status_of
 from fitter.viewpoints import viewpoints
-from renderer import gbuffer
 from renderer.errors import InputError
-from renderer.scene import Scene
 from renderer.threads import one_thread_per_operation
-from renderer.unknown import FITTED
 
 EXACT = tuple(name for name, fidelity in PRESETS.items() if not fidelity.blurs)
 WHY_EXACT = "the viewer's model sees F0 alone, and follows no photograph closely enough to say where to take another"
@@ -59,11 +56,11 @@ def advise(
         options = replace(options, fidelity=_fidelity_of(result, result_file))
     _require_exact(options.fidelity)
     loaded = load(scene_file)
-    _require_nothing_beside(loaded.scene, scene_file)
+    require_known(loaded.scene, scene_file, "those that a fit has found")
     if result is not None and result_file is not None:
         require_of_scene(result, result_file, loaded, scene_file)
     with one_thread_per_operation():
-        trace = gbuffer.tracer(loaded.shape)
+        trace = loaded.tracer()
         setting = setting_of(loaded, options, device)
         if result is None:
             parts = fit_parts(loaded, trace, setting, options, progress, scene_file)
@@ -87,13 +84,6 @@ def _fidelity_of(result: Result, file: Path) -> Fidelity:
     if any(each.type == "metal" for each in result.materials) and "conductor" not in result.model.reflectance:
         raise InputError(file, "model.reflectance", result.model.reflectance, f"conductor: {WHY_EXACT}")
     return preset(name, lobe)
-
-
-def _require_nothing_beside(scene: Scene, scene_file: Path) -> None:
-    """What a further view would tell of exposures is not known."""
-    if unknowns_of(scene):
-        expected = "numbers for exposures, white balances and scale: those that a fit has found"
-        raise InputError(scene_file, value=FITTED, expected=expected)
 
 
 def _require_exact(fidelity: Fidelity) -> None:

@@ -16,6 +16,16 @@ def require_consistent(options: FitOptions) -> None:
     if "exact-fresnel" in options.wanted and reflectance != "conductor":
         expected = "--reflectance conductor, which is exact"
         raise InputError("--with", value=f"exact-fresnel, --reflectance {reflectance}", expected=expected)
+    if options.maps:
+        if options.fidelity.blurs:
+            expected = (
+                "a fidelity of microfacets, such as --fidelity standard: the viewer's model is not linear in colour"
+            )
+            raise InputError("--maps", value=f"color, --lobe {options.fidelity.lobe}", expected=expected)
+        if options.type == "metal":
+            raise InputError("--maps", value="color, --type metal", expected="--type glossy, matte or auto beside it")
+        if "color-map" in options.unwanted:
+            raise InputError("--maps", value="color, --without color-map", expected="one of the two, not both")
     if options.tolerance is not None:
         from fitter.tolerance import require_tolerance
 

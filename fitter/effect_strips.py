@@ -19,7 +19,7 @@ from shaders.materials import Glossy, Material, Matte, Metal
 SIDE = 96  # pixels along a strip's pictures at most
 SAMPLES = 128
 FOOTPRINT = 2
-ALWAYS = frozenset({"horizon"})
+ALWAYS = frozenset({"horizon", "normal-map", "double-bounce"})
 """Effects that no picture of a fit is without."""
 
 

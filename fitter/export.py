@@ -13,7 +13,7 @@ from fitter.materialx import materialx
 from fitter.mitsuba_xml import mitsuba_xml
 from fitter.mtl import ordinary_mtl, thesis_mtl
 from fitter.result import FittedMaterial, PerParameter, Result
-from renderer.atomic import replaced_together, write_text_atomically
+from renderer.atomic import replaced_together, write_bytes_atomically, write_text_atomically
 from renderer.errors import InputError
 from renderer.mtl_text import FLOAT32_MAX
 
@@ -56,7 +56,23 @@ def export(
     with replaced_together(directory) as folder:
         for ending, writer in known:
             write_text_atomically(folder / f"{stem}{ending}", _written(writer, result.materials, source))
+        if {writer for _, writer in known} & {thesis_mtl, ordinary_mtl}:
+            _copy_maps(result.materials, Path(source), folder)
     return tuple(Path(directory) / f"{stem}{ending}" for ending, _ in known)
+
+
+def _copy_maps(materials: Sequence[FittedMaterial], source: Path, folder: Path) -> None:
+    """The textures that MTL files name, which lie beside the result, into the same folder as these."""
+    for index, material in enumerate(materials):
+        if material.maps is None:
+            continue
+        name, field = material.maps.color, f"materials[{index}].maps.color"
+        if Path(name).name != name:
+            raise InputError(source, field, name, "the name of a file, without folders in it")
+        try:
+            write_bytes_atomically(folder / name, (source.parent / name).read_bytes())
+        except OSError as error:
+            raise InputError(source, field, name, f"a file beside it ({error.strerror})") from error
 
 
 def _written(writer: Writer, materials: Sequence[FittedMaterial], source: str | Path) -> str:

@@ -18,6 +18,7 @@ from fitter.option_names import (
     DtypeName,
     FidelityName,
     FittedLobeName,
+    MapName,
     PriorName,
     ReflectanceName,
     SolverName,
@@ -66,6 +67,10 @@ def chosen(
         bool,
         typer.Option("--refine-pose", help="Mend poses that are off by up to 2° and 1 %, by outlines and pixels."),
     ] = False,
+    maps: Annotated[
+        list[MapName] | None,
+        typer.Option(help="Textures to recover, of glossy and matte materials; the mesh needs texture coordinates."),
+    ] = None,
     with_: With = None,
     without: Without = None,
     no_check: Annotated[

@@ -28,6 +28,7 @@ class FitOptions:
             then what it takes; None where they are the fidelity's.
         refine_pose: whether the cameras are moved to where outlines and pixels agree before anything is fitted.
         check: whether to look for what is wrong with the input, before.
+        maps: textures to recover: "color", or none.
         wanted, unwanted: effects of `shaders.effects` that are simulated, or not, whatever the plan says.
     """
 
@@ -44,3 +45,4 @@ class FitOptions:
     unwanted: tuple[str, ...] = ()
     refine_pose: bool = False
     check: bool = False
+    maps: tuple[str, ...] = ()

@@ -7,11 +7,16 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from fitter.album import Album
+from fitter.given_maps import given_maps, shape_under
 from fitter.result import InputFile, MaterialType, sha256_of
+from renderer import gbuffer
+from renderer.appearance import Maps
 from renderer.colmap import model_files
 from renderer.environment import Environment, read_environment
 from renderer.errors import InputError
+from renderer.gbuffer import Tracer
 from renderer.mesh import Mesh, Shape
+from renderer.relief import with_relief
 from renderer.scene import PhotographSpec, Scene, read_scene, read_shape
 
 
@@ -24,6 +29,7 @@ class Loaded:
         materials: the names of the object's materials, in the mesh's order.
         files: those that were read, without the photographs'.
         repeated: which photographs are an earlier one once more.
+        maps: those that the scene file names, of each material.
     """
 
     scene: Scene
@@ -34,6 +40,12 @@ class Loaded:
     materials: tuple[str, ...]
     files: tuple[InputFile, ...]
     repeated: frozenset[int] = frozenset()
+    maps: tuple[Maps, ...] = ()
+
+    def tracer(self) -> Tracer:
+        """Of the shape under its normal maps."""
+        normal = {index: each.normal for index, each in enumerate(self.maps) if each.normal is not None}
+        return with_relief(gbuffer.tracer(self.shape), normal)
 
     @property
     def inputs(self) -> tuple[InputFile, ...]:
@@ -61,7 +73,9 @@ def load(scene_file: Path) -> Loaded:
     stem = scene.geometry.mesh.stem if scene.geometry.mesh else str(scene.geometry.shape)
     photographs = Album.of_scene(scene.photographs, scene_file)
     files = _hashed(_beside_photographs(scene, scene_file))
-    return Loaded(scene, photographs, shape, environment, stem, names, files, repeated(scene.photographs))
+    maps = given_maps(scene.materials, shape, names, scene_file)
+    shape = shape_under(shape, maps)
+    return Loaded(scene, photographs, shape, environment, stem, names, files, repeated(scene.photographs), maps)
 
 
 def repeated(photographs: Sequence[PhotographSpec]) -> frozenset[int]:
@@ -114,7 +128,9 @@ def input_files(scene: Scene, scene_file: Path) -> tuple[InputFile, ...]:
 def _beside_photographs(scene: Scene, scene_file: Path) -> list[Path | None]:
     light = scene.environment.map
     cameras = model_files(scene.cameras) if scene.cameras is not None and scene.cameras.is_dir() else [scene.cameras]
-    return [scene_file, *cameras, scene.geometry.mesh, *(sorted(light.iterdir()) if light.is_dir() else [light])]
+    maps = [file for each in scene.materials for file in (each.normal_map, each.ambient_occlusion_map)]
+    surroundings = sorted(light.iterdir()) if light.is_dir() else [light]
+    return [scene_file, *cameras, scene.geometry.mesh, *surroundings, *maps]
 
 
 def _hashed(paths: Iterable[Path | None]) -> tuple[InputFile, ...]:

@@ -53,9 +53,11 @@ def thesis_mtl(
         Kd    n             color         color
         Ks    ρ ρ ρ         ρ ρ ρ         0 0 0
 
+    Of a material with a colour map of its own, which holds the whole colour, `Kd` is white.
+
     Args:
         codes: what `Ns` says for each type; readers such as Assimp 3.2 need other numbers.
-        maps: texture files by the material's name.
+        maps: texture files by the material's name, in place of its own.
 
     Raises:
         ValueError: a number that the table asks for is missing, not finite, or beyond float32.
@@ -92,7 +94,7 @@ def ordinary_mtl(materials: Sequence[FittedMaterial], maps: Mapping[str, Maps] =
     `Pm`, and both show a metal. So is the ambient occlusion, which F3D would draw as the colour.
 
     Args:
-        maps: texture files by the material's name.
+        maps: texture files by the material's name, in place of its own.
 
     Raises:
         ValueError: a number that the table asks for is missing, not finite, or beyond float32.
@@ -135,10 +137,17 @@ def _file(
     """The whole file: one `newmtl` block each, an empty line between them, a line break at the end."""
     names = written_names(material.name for material in materials)
     blocks = (
-        "\n".join([f"newmtl {name}", *body(material, maps.get(material.name, Maps()))])
+        "\n".join([f"newmtl {name}", *body(*_with_maps(material, maps))])
         for name, material in zip(names, materials, strict=True)
     )
     return "\n\n".join(blocks) + "\n"
+
+
+def _with_maps(material: FittedMaterial, maps: Mapping[str, Maps]) -> tuple[FittedMaterial, Maps]:
+    """A material and its texture files; what has a colour map of its own is white below it."""
+    if material.name in maps or material.maps is None:
+        return material, maps.get(material.name, Maps())
+    return material.model_copy(update={"color": (1.0, 1.0, 1.0)}), Maps(color=material.maps.color)
 
 
 def _texture(key: str, file: str) -> str:

@@ -13,12 +13,14 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from pathlib import Path
 from typing import Literal, NamedTuple
 
 import torch
 from jaxtyping import Bool, Float, Int
 from torch import Tensor
 
+from renderer.errors import InputError
 from renderer.scene import Scene
 from renderer.unknown import FITTED, turn_of
 
@@ -229,3 +231,10 @@ def unknowns_of(scene: Scene) -> tuple[Unknown, ...]:
     if is_fitted:
         found.append(Unknown("rotation", start=degrees))
     return tuple(found)
+
+
+def require_known(scene: Scene, scene_file: Path, which: str) -> None:
+    """Raises InputError where the scene file asks for anything to be fitted beside the material."""
+    if unknowns_of(scene):
+        expected = f"numbers for exposures, white balances, scale and rotation, {which}"
+        raise InputError(scene_file, value=FITTED, expected=expected)

@@ -30,6 +30,10 @@ class PriorName(enum.StrEnum):
     catalogue = "catalogue"
 
 
+class MapName(enum.StrEnum):
+    color = "color"
+
+
 class ModelName(enum.StrEnum):
     mitsuba = "mitsuba"
     viewer = "viewer"

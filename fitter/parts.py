@@ -6,6 +6,7 @@ import functools
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import torch
 from jaxtyping import Float
@@ -26,12 +27,18 @@ from fitter.search import Problem
 from fitter.selection import Observations, choose_pixels
 from fitter.setting import Setting
 from fitter.solve import SOLVERS
+from fitter.spots import choose_spots
 from fitter.summary import describe, fitted_material
+from fitter.textured_pixels import SpottedPixels
 from fitter.tolerance import FIRST_PIXELS, Ascent, ascend
 from fitter.uncertainty import Spread, spread
 from fitter.verdicts import seen_by
 from fitter.viewer_roughness import viewer_roughness
 from renderer.gbuffer import GBuffer, Tracer
+from shaders.materials import Glossy
+
+if TYPE_CHECKING:
+    from fitter.color_map import ColorMap
 
 Progress = Callable[[str, float], None]
 
@@ -52,6 +59,7 @@ class FittedPart:
         setting: the light, and how accurately it was computed.
         ascent: to the tolerance asked for; None where none was.
         polish: with Mitsuba's paths; None where there was none.
+        color_map: the texture of the body; None where it is taken for even.
     """
 
     index: int
@@ -63,6 +71,7 @@ class FittedPart:
     setting: Setting
     ascent: Ascent | None = None
     polish: Polish | None = None
+    color_map: ColorMap | None = None
 
     @property
     def tolerance(self) -> Tolerance | None:
@@ -98,18 +107,26 @@ def fit_parts(
 
     @functools.cache
     def chosen(count: int) -> list[Observations | None]:
-        return choose_pixels(
-            loaded.photographs,
-            trace,
-            scene_file,
-            count=count,
-            footprint=setting.fidelity.footprint,
-            seed=options.seed,
-            materials=len(loaded.materials),
-            left_out=loaded.repeated,
-            kept=kept,
-            progress=lambda share: progress("choosing pixels", share),
-        )
+        def by(choose: Callable[..., list[Observations | None]]) -> list[Observations | None]:
+            return choose(
+                loaded.photographs,
+                trace,
+                scene_file,
+                count=count,
+                footprint=setting.fidelity.footprint,
+                seed=options.seed,
+                materials=len(loaded.materials),
+                left_out=loaded.repeated,
+                kept=kept,
+                progress=lambda share: progress("choosing pixels", share),
+            )
+
+        if "color" not in options.maps:
+            return by(choose_pixels)
+        spots = by(choose_spots)
+        if None not in spots:
+            return spots
+        return [spot or pixels for spot, pixels in zip(spots, by(choose_pixels), strict=True)]
 
     def problem_at(fidelity: Fidelity, index: int) -> Problem:
         observed, label = chosen(fidelity.pixels)[index], _labelled(progress, loaded.materials[index], len(seen))
@@ -200,7 +217,10 @@ def _part(index: int, name: str, observed: Observations, choice: Choice, setting
     nearest = nearest_metals(fit.x, coordinates, uncertainty) if isinstance(coordinates, MetalCoordinates) else ()
     rho = None
     if not setting.fidelity.blurs and fit.material.type != "matte":
-        rho = viewer_roughness(observed, setting.viewers, fit.material)
+        model = fit.residuals.model
+        spotted = isinstance(model, SpottedPixels) and isinstance(fit.material, Glossy)
+        tint = model.tint(fit.material) if spotted else None
+        rho = viewer_roughness(observed, setting.viewers, fit.material, tint)
     borrowed = borrow(fit, uncertainty, prior)
     material = fitted_material(name, fit, uncertainty, rho, nearest, borrowed)
     told = describe(choice, material, seen_by(fit, observed, guessed(fit, uncertainty)), borrowed)

@@ -11,6 +11,7 @@ import torch
 
 from fitter import quality
 from fitter.beside import Beside, found_beside
+from fitter.color_map import require_mappable, shown, with_color_map, with_written_maps
 from fitter.consistent import require_consistent
 from fitter.curves import Curve, reflectance_curve
 from fitter.devices import torch_device
@@ -19,6 +20,7 @@ from fitter.fidelity import Fidelity
 from fitter.fit_options import FitOptions
 from fitter.loading import Loaded, load
 from fitter.mtl import ordinary_mtl, thesis_mtl
+from fitter.nuisances import require_known
 from fitter.outliers import OutlierMap, outlier_maps, told
 from fitter.parts import FittedPart, Progress, painted
 from fitter.planned_fit import PlannedFit, fit_planned
@@ -33,7 +35,6 @@ from fitter.result import Effect, Model, Result, Time, write_result
 from fitter.setting import Setting
 from fitter.solve import compiling
 from fitter.summary import status_of
-from renderer import gbuffer
 from renderer.atomic import replaced_together, write_bytes_atomically, write_text_atomically
 from renderer.box_filter import box_filtered
 from renderer.errors import InputError
@@ -76,16 +77,22 @@ def fit_scene(
         require_polishable(options.fidelity)
     progress("reading", 0)
     loaded = load(scene_file)
+    require_mappable(loaded.shape, loaded.scene.geometry.mesh, options.maps)
+    for option in [*(["--maps"] if options.maps else []), *(["--refine-pose"] if options.refine_pose else [])]:
+        require_known(loaded.scene, scene_file, f"beside {option}: those that a fit without it has found")
     read = time.perf_counter()
     if options.solver == "lm":
         compiling().add_done_callback(_load_plotting)
     with one_thread_per_operation(), replaced_together(out) as folder:
-        trace = gbuffer.tracer(loaded.shape)
+        trace = loaded.tracer()
         warnings = _warnings(loaded, trace, scene_file, options, progress, warn)
         setting = setting_of(loaded, options, device)
         refined = _refined(loaded, trace, options, device, progress, scene_file) if options.refine_pose else None
         loaded = loaded if refined is None else refined.loaded
         planned = fit_planned(loaded, trace, setting, options, progress, scene_file)
+        if "color" in options.maps:
+            mapped = [with_color_map(part, loaded, trace, options.seed, progress) for part in planned.parts]
+            planned = replace(planned, parts=with_written_maps(mapped, loaded.name, folder))
         parts = planned.parts
         solving = sum(part.choice.fit.solve_seconds for part in parts)
         clock = _Clock(began, read, time.perf_counter(), loaded.photographs.seconds, solving)
@@ -95,7 +102,8 @@ def fit_scene(
         result = _result(loaded, planned, views, outliers, clock, refined, warnings)
         alone = strips(planned, loaded.photographs.thumbnails[0], trace)
         curves = [_curve(part) for part in parts]
-        page = render_report(result, views, curves, alone, outliers, command=options.command)
+        maps = [(part.material.name, *shown(part.color_map)) for part in parts if part.color_map is not None]
+        page = render_report(result, views, curves, alone, outliers, maps=maps, command=options.command)
         write_text_atomically(folder / "report.html", page)
         write_bytes_atomically(folder / "comparison.png", comparison_png(views))
         write_text_atomically(folder / f"{loaded.name}.thesis.mtl", thesis_mtl(result.materials))
@@ -128,7 +136,8 @@ def setting_of(loaded: Loaded, options: FitOptions, device: torch.device) -> Set
     radiance = box_filtered(loaded.environment.radiance, fidelity.environment_size)
     environment = replace(loaded.environment, radiance=radiance.to(device, getattr(torch, fidelity.dtype)))
     sources = tuple(directional_light(light) for light in loaded.scene.lights)
-    return Setting(environment, sources, options.fidelity, options.seed)
+    openness = tuple(each.ambient_occlusion for each in loaded.maps)
+    return Setting(environment, sources, options.fidelity, options.seed, openness=openness)
 
 
 @dataclass(frozen=True)

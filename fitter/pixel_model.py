@@ -294,11 +294,13 @@ def viewer_pixels(
     ambient: Float[Tensor, "9 3"],
     sources: Sequence[DirectionalLight],
     reflectance: MaterialReflectance,
+    openness: Float[Tensor, "p 1"] | None = None,
 ) -> ViewerPixels:
     """The viewer's model of pixels, seen at their central rays, without a table so far."""
     centre = central(surface)
     light = BlurredByTable(None, None, ambient, tuple(sources))
-    return ViewerPixels(Points(centre.normal, centre.view), light, reflectance)
+    open_ = None if openness is None else openness.nan_to_num(1.0)
+    return ViewerPixels(Points(centre.normal, centre.view, open_), light, reflectance)
 
 
 def central(surface: GBuffer) -> GBuffer:

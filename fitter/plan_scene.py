@@ -12,7 +12,6 @@ from fitter.parts import kinds_of
 from fitter.pipeline import setting_of
 from fitter.planning import Planner
 from fitter.progress import Progress
-from renderer import gbuffer
 from renderer.errors import InputError
 from renderer.plan import Plan
 from renderer.threads import one_thread_per_operation
@@ -31,7 +30,7 @@ def plan_scene(scene_file: Path, options: FitOptions, progress: Progress = lambd
     with one_thread_per_operation():
         progress("planning", 0)
         setting = setting_of(loaded, options, device)
-        planner = Planner(loaded, gbuffer.tracer(loaded.shape), setting, options)
+        planner = Planner(loaded, loaded.tracer(), setting, options)
         if not len(planner.sample.surface.hit):
             expected = "a camera that sees the object's front in the pixels its photograph shows"
             raise InputError(scene_file, "photographs", value="", expected=expected)

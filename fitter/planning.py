@@ -72,6 +72,7 @@ class Planner:
             footprint=fidelity.footprint,
             untraced=None if self.occluder is None else _untraced(types, fidelity) or spared(self._free),
             found=found is not None,
+            maps=self._maps,
         )
         tolerance = options.tolerance or TOLERANCE
         materials = possible(types) if found is None else found
@@ -82,6 +83,14 @@ class Planner:
 
         wanted = (*options.wanted, *(("interreflection",) if options.polish else ()))
         return planned(facts, measured, tolerance).overruled(wanted, options.unwanted)
+
+    @property
+    def _maps(self) -> frozenset[str]:
+        """Textures that are recovered or given."""
+        given = self.loaded.maps
+        normal = {"normal"} if any(each.normal is not None for each in given) else set()
+        openness = {"ambient-occlusion"} if any(each.ambient_occlusion is not None for each in given) else set()
+        return frozenset({*self.options.maps, *normal, *openness})
 
     @property
     def _free(self) -> float:

@@ -11,13 +11,14 @@ from jaxtyping import Int
 from torch import Tensor
 
 from fitter.fidelity import BLUR_RANGE, MICROFACET_RANGE, Fidelity
-from fitter.noise import neighbours_of
+from fitter.noise import neighbours_of, relative_weight
 from fitter.nuisances import SCANNED, Nuisances, Turn
 from fitter.pixel_model import PixelModel, central
 from fitter.result import MaterialType
 from fitter.selection import Observations
 from fitter.setting import Setting
 from fitter.solve import Solver
+from fitter.textured_pixels import SpottedPixels
 from fitter.turning import TURNS, joined, turned
 from renderer.transport import LightTable
 
@@ -99,7 +100,11 @@ class Problem:
 
     @cached_property
     def _body(self) -> PixelModel:
-        return turned([setting.pixels(self.observed.surface, body=True) for setting in self.settings])
+        observed = self.observed
+        model = turned([setting.pixels(observed.surface, body=True) for setting in self.settings])
+        if observed.spot is None:
+            return model
+        return SpottedPixels(model, observed.spot, observed.radiance, relative_weight(observed.radiance))
 
     def pixels(self, kind: MaterialType) -> PixelModel:
         """The pixels' model, with what that type calls for and nothing else, and without a table so far."""

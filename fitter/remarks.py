@@ -14,7 +14,8 @@ PARAMETERS = ("n", "k", "color", "reflectance", "f0", "alpha", "roughness")
 def remarks(material: FittedMaterial) -> list[str]:
     """A line for each number that the material has: values, errors, and which of them are not determined."""
     present = [key for key in PARAMETERS if getattr(material, key) is not None]
-    return [f"{key} = {', '.join(told_numbers(material, key))}{_open(material, key)}" for key in present]
+    told = [f"{key} = {', '.join(told_numbers(material, key))}{_open(material, key)}" for key in present]
+    return told if material.maps is None else [*told, f"color is the mean of the colour map {material.maps.color}"]
 
 
 def told_numbers(material: FittedMaterial, key: str) -> Iterator[str]:

@@ -65,6 +65,7 @@ def render_report(
     effects: Sequence[ViewPictures] = (),
     outliers: Sequence[OutlierMap] = (),
     *,
+    maps: Sequence[tuple[str, Rgba, Rgba]] = (),
     command: str = "",
 ) -> str:
     """The report as one HTML page: pictures, curves and style inside, nothing loaded from elsewhere.
@@ -75,6 +76,7 @@ def render_report(
         curves: the reflectance curve of each material, in the result's order; None for one that mirrors nothing.
         effects: of each effect the picture with it, as `photograph`, and without, as `fit`; named by it.
         outliers: what the fit does not explain, of each photograph.
+        maps: of each material that has one its name, its colour map, and how many photographs see each texel.
         command: the command line that made the result, shown as it is; "" shows none.
 
     Returns:
@@ -104,6 +106,7 @@ def render_report(
             for curve, material in zip(curves, result.materials, strict=True)
             if curve is not None
         ],
+        maps=maps,
         time=_shares(result),
         command=command,
     )

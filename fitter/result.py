@@ -120,6 +120,18 @@ class Correlation(Record):
         return self
 
 
+class Maps(Record):
+    """Texture files of a material, in the folder of `result.json`.
+
+    Attributes:
+        color: the body's colour, sRGB; multiplies nothing: where there is one, `color` is its mean.
+        color_seen: how many photographs see each of its texels; 0 where it was filled.
+    """
+
+    color: str
+    color_seen: str
+
+
 class _Named(Record):
     name: str
     type: MaterialType
@@ -136,6 +148,7 @@ class FittedMaterial(PerParameter[float], _Named):
         from_prior: the numbers that known metals stand in for; None where all are the photographs'. Their errors and
             intervals are the prior's, too; `determined` remains what the photographs say.
         correlation: of the photographs' own errors; None where fewer than two numbers have them.
+        maps: texture files that were made; None, and not in the file, where there are none.
     """
 
     stderr: StandardErrors = StandardErrors()
@@ -144,6 +157,7 @@ class FittedMaterial(PerParameter[float], _Named):
     nearest: tuple[Nearest, ...] = ()
     from_prior: FromPrior | None = None
     correlation: Correlation | None = None
+    maps: Maps | None = None
 
 
 class PictureQuality(Record):
@@ -332,6 +346,9 @@ def write_result(result: Result, path: str | Path) -> None:
     """
     absent = {key for key in ("tolerance", "nuisances", "cameras") if getattr(result, key) is None}
     data = result.model_dump(mode="json", exclude=absent)
+    for material in data["materials"]:
+        if material["maps"] is None:
+            del material["maps"]
     text = json.dumps(data, allow_nan=False, ensure_ascii=False, indent=2)
     write_text_atomically(path, _short_lists_on_one_line(text) + "\n")
 

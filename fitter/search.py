@@ -212,7 +212,7 @@ def _whitening(problem: Problem, picture: Float[Tensor, "p 3"], seen: Float[Tens
     noise: then all photographs' pixels weigh relatively alike.
     """
     if not problem.fidelity.blurs:
-        return local_whitening(picture - seen, picture, problem.neighbours, EXACT)
+        return local_whitening(picture - seen, picture, problem.neighbours, EXACT) * problem.observed.freedom**0.5
     weight = relative_weight(seen)
     return even_whitening(weight, max(scatter((picture - seen) * weight), EXACT))
 

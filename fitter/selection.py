@@ -38,6 +38,8 @@ class Observations:
         available: how many pixels like these there are, by the share that was fit for use of those looked at.
         place: photograph, row and column of each; those of one photograph are next to each other.
         lossy: photographs that are compressed by blocks.
+        spot: which place of the surface each pixel sees, where they were chosen so that several see the same; None
+            where the material is taken for even.
     """
 
     surface: GBuffer
@@ -47,6 +49,7 @@ class Observations:
     available: int
     place: Int[Tensor, "p 3"]
     lossy: frozenset[int] = frozenset()
+    spot: Int[Tensor, " p"] | None = None
 
     @property
     def clusters(self) -> Int[Tensor, " p"] | None:
@@ -59,7 +62,19 @@ class Observations:
         return torch.where(lossy[:, None], blocks, own).unique(dim=0, return_inverse=True)[1]
 
     def __getitem__(self, index: slice) -> Observations:
-        return replace(self, surface=self.surface[index], radiance=self.radiance[index], place=self.place[index])
+        """Some of the pixels; of spots all pixels of some."""
+        if self.spot is None:
+            return replace(self, surface=self.surface[index], radiance=self.radiance[index], place=self.place[index])
+        chosen = torch.isin(self.spot, self.spot.unique()[index])
+        taken = {key: getattr(self, key)[chosen] for key in ("surface", "radiance", "place", "spot")}
+        return replace(self, **taken)
+
+    @property
+    def freedom(self) -> float:
+        """Share of the pixels' differences that is left when the spots' own colours have taken up theirs, in (0, 1]."""
+        if self.spot is None:
+            return 1.0
+        return 1 - len(self.spot.unique()) / len(self.spot)
 
 
 def choose_pixels(
@@ -169,7 +184,7 @@ def _candidates(
     share = len(drawn) / max(1, len(inside))
     pixels = torch.stack([drawn // width, drawn % width], 1)
     centres = gbuffer.pixel_footprints(trace, photograph.camera, pixels[:, 1], pixels[:, 0], 1)[:, 0]
-    _require_front(centres, place)
+    require_front(centres, place)
     return _Candidates(pixels[centres.front], centres[centres.front], share)
 
 
@@ -204,7 +219,7 @@ def _observe(
     pixels = pixels[_evenly_by_angle(n_dot_v, quota + quota // 8)]  # some will not be whole
     surface = gbuffer.pixel_footprints(trace, photograph.camera, pixels[:, 1], pixels[:, 0], footprint)
     whole = (surface.front & (surface.material == material)).all(-1)
-    smooth = whole & _without_edge(surface, footprint)
+    smooth = whole & without_edge(surface, footprint)
     edged = bool(2 * smooth.sum() < whole.sum())
     taken = whole if edged else smooth
     row, column = pixels[taken][:quota].T
@@ -217,7 +232,7 @@ def _observe(
     return found if len(radiance) else None
 
 
-def _without_edge(surface: GBuffer, footprint: int) -> Bool[Tensor, " p"]:
+def without_edge(surface: GBuffer, footprint: int) -> Bool[Tensor, " p"]:
     """Pixels between whose rays others can be told; in the outermost they cannot, either: angles run to none there."""
     if footprint == 1:
         return torch.ones_like(surface.hit[:, 0])
@@ -232,7 +247,7 @@ def _freest(trace: Tracer, centres: GBuffer, mirrors_itself: Bool[Tensor, " p"],
     return torch.zeros_like(mirrors_itself).index_fill(0, least, True)
 
 
-def _require_front(centres: GBuffer, place: tuple[Path, str]) -> None:
+def require_front(centres: GBuffer, place: tuple[Path, str]) -> None:
     if not centres.hit.any():
         expected = (
             f"a camera that sees the object in the pixels its photograph shows, but none of {len(centres.hit)} tried"

@@ -6,12 +6,14 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
 
+import torch
 from jaxtyping import Float
 from torch import Tensor
 
 from fitter.fidelity import Fidelity
 from fitter.pixel_model import DIFFUSE_DEGREE, PixelModel, central, exact_pixels, viewer_pixels
 from fitter.reflectances import REFLECTANCES
+from fitter.textured_pixels import TintedPixels
 from renderer import cubemap, transport
 from renderer.cubemap import Cubemap
 from renderer.environment import Environment
@@ -21,6 +23,7 @@ from renderer.irradiance import diffuse_table
 from renderer.mirror import mirror_table
 from renderer.occlusion import Occluder
 from renderer.surroundings import Surroundings, surroundings
+from renderer.textures import Texture, lookup
 from renderer.transport import LightTable
 from shaders.effects import NAMES
 from shaders.materials import Material
@@ -42,6 +45,9 @@ class Setting:
         seed: of the integration.
         effects: the names of those that are simulated, of `shaders.effects`.
         occluder: the object, where it may stand before its own light.
+        color_map: the tint of the body by texture coordinates; None where it is even.
+        openness: maps of ambient occlusion of the object's materials, which count in place of what rays find; None, or
+            left out, where there is none.
     """
 
     environment: Environment
@@ -50,6 +56,8 @@ class Setting:
     seed: int = 0
     effects: frozenset[str] = NAMES
     occluder: Occluder | None = None
+    color_map: Texture | None = None
+    openness: tuple[Texture | None, ...] = ()
 
     def simulating(self, effects: frozenset[str]) -> Setting:
         """The same light with these effects, and no others."""
@@ -71,10 +79,17 @@ class Setting:
             body: whether diffuse light is integrated.
             shown: whether it is for pictures to look at, whose ambient occlusion may be known to a few per cent.
         """
+        model = self._even_pixels(self._rays(surface), body, shown)
+        if self.color_map is None or "color-map" not in self.effects or not body:
+            return model
+        return TintedPixels(model, lookup(self.color_map, surface.uv).double().mean(1))
+
+    def _even_pixels(self, surface: GBuffer, body: bool, shown: bool) -> PixelModel:
+        """The model of pixels in one colour."""
         reflectance = REFLECTANCES[self.fidelity.reflectance]
-        surface = self._rays(surface)
         if self.fidelity.blurs:
-            return viewer_pixels(surface, self.viewers.ambient, self.sources, reflectance)
+            openness = self._mapped_openness(central(surface))
+            return viewer_pixels(surface, self.viewers.ambient, self.sources, reflectance, openness)
         diffuse = self._diffuse(surface, shown) if body else None
         lights = (self._before("self-visibility"), "light-reflection" in self.effects)
         return exact_pixels(surface, diffuse, self.sources, self.fidelity.distribution, reflectance, *lights)
@@ -142,7 +157,29 @@ class Setting:
         return self.occluder if effect in self.effects else None
 
     def _diffuse(self, surface: GBuffer, shown: bool) -> Float[Tensor, "p b 3"]:
-        surface, occluder = middle(surface)[:, 0], self._before("ambient-occlusion")
+        surface = middle(surface)[:, 0]
+        mapped = self._mapped_openness(surface)
+        if mapped is None:
+            return self._diffuse_by_rays(surface, shown, self._before("ambient-occlusion"))
+        found = self._diffuse_by_rays(surface, shown, None) * mapped.nan_to_num(1.0)[:, :, None].float()
+        bare = mapped[:, 0].isnan()  # materials without a map
+        if bare.any():
+            found[bare] = self._diffuse_by_rays(surface[bare], shown, self._before("ambient-occlusion"))
+        return found
+
+    def _mapped_openness(self, surface: GBuffer) -> Float[Tensor, "p 1"] | None:
+        """Ambient occlusion of points [p] by the maps, NaN where there is none; None where no map is looked at."""
+        maps = {index: each for index, each in enumerate(self.openness) if each is not None}
+        if not self.effects & {"ambient-occlusion", "double-bounce"} or not maps:
+            return None
+        found = torch.full((len(surface.hit), 1), torch.nan, dtype=torch.float64)
+        for index, texture in maps.items():
+            own = surface.material == index
+            found[own] = lookup(texture, surface.uv[own]).double()
+        return found
+
+    def _diffuse_by_rays(self, surface: GBuffer, shown: bool, occluder: Occluder | None) -> Float[Tensor, "p b 3"]:
+        """The light of points [p] that what stands before it leaves over."""
         if occluder is None and len(surface.hit) <= MOST_DIFFUSE:
             return diffuse_table(surface.normal, self._near, DIFFUSE_DEGREE)
         if occluder is not None and (not shown or len(surface.hit) <= MOST_OCCLUDED):

@@ -9,6 +9,7 @@ import numpy as np
 import torch
 from jaxtyping import Float
 from scipy.optimize import minimize_scalar
+from torch import Tensor
 
 from fitter.fidelity import BLUR_RANGE
 from fitter.pixel_model import central
@@ -34,7 +35,9 @@ class ViewerRoughness:
     stderr: float
 
 
-def viewer_roughness(observed: Observations, light: Surroundings, material: Metal | Glossy) -> ViewerRoughness:
+def viewer_roughness(
+    observed: Observations, light: Surroundings, material: Metal | Glossy, tint: Float[Tensor, "p 3"] | None = None
+) -> ViewerRoughness:
     """Fit ρ with n and k, or colour and reflectance, held, in the model by which the viewer shades [MODEL.md 3, 4].
 
     The pictures are compared as the viewer shows them, tone-mapped. The blur has no tails and cannot follow a
@@ -44,12 +47,13 @@ def viewer_roughness(observed: Observations, light: Surroundings, material: Meta
         observed: pixels of the fit; their central rays are used.
         light: as the viewer has it.
         material: as exported, its roughness alpha.
+        tint: of each pixel, by which the colour is multiplied; None for none.
     """
     every = max(1, len(observed.radiance) // PIXELS)
     surface = central(observed.surface[::every])
     seen = observed.radiance[::every].numpy()
     white = white_point(seen)
-    points = Points(surface.normal, surface.view)
+    points = Points(surface.normal, surface.view, tint=None if tint is None else tint[::every])
     of_environment = far_light(light)
 
     def residual(rho: float) -> Float[np.ndarray, "p 3"]:

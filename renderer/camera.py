@@ -59,6 +59,29 @@ class Camera:
         tan_half = torch.tan(torch.deg2rad(torch.tensor(self.fov / 2, dtype=torch.float64)))
         return _through(position, torch.stack([right * tan_half, up * tan_half, -torch.ones_like(right)], -1), rotation)
 
+    def film(
+        self, points: Float[Tensor, "*p 3"]
+    ) -> tuple[Float[Tensor, "*p"], Float[Tensor, "*p"], Float[Tensor, "*p"]]:
+        """Where points of the world are on the film: the inverse of `rays`.
+
+        Returns:
+            x and y as `rays` takes them, and the distance along the camera's axis, > 0 before it; x and y of points
+            that are not before a perspective camera mean nothing.
+        """
+        rotation, position = self.camera_to_world[:3, :3], self.camera_to_world[:3, 3]
+        right, up, backward = ((points.double() - position) @ rotation).unbind(-1)
+        if self.projection == "orthographic":
+            right, up = right / self.scale, up / self.scale
+        else:
+            right, up = right / -backward, up / -backward
+            if self.lens is not None:
+                right, down = self.lens.distorted(right, -up)
+                return right * self.lens.fx + self.lens.cx, down * self.lens.fy + self.lens.cy, -backward
+            tan_half = torch.tan(torch.deg2rad(torch.tensor(self.fov / 2, dtype=torch.float64)))
+            right, up = right / tan_half, up / tan_half
+        half_width = self.width / 2
+        return half_width * (1 + right), self.height / 2 - half_width * up, -backward
+
 
 def _through(
     position: Float[Tensor, "3"], point: Float[Tensor, "*p 3"], rotation: Float[Tensor, "3 3"]

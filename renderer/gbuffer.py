@@ -8,7 +8,7 @@ from dataclasses import dataclass, fields, replace
 
 import numpy as np
 import torch
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Bool, Float, Int, Real
 from torch import Tensor
 
 from renderer import raycast
@@ -111,18 +111,25 @@ def pixel_centres(trace: Tracer, camera: Camera) -> GBuffer:
 
 
 def pixel_footprints(
-    trace: Tracer, camera: Camera, column: Int[Tensor, " p"], row: Int[Tensor, " p"], side: int
+    trace: Tracer, camera: Camera, column: Real[Tensor, " p"], row: Real[Tensor, " p"], side: int, width: int = 1
 ) -> GBuffer:
     """The G-buffer [p, side²] of a grid of rays inside each given pixel.
 
     A photograph's pixel is a mean over its area; near the silhouette it sees many angles at once. The rays count
     alike, and their mean is exact for polynomials of degree `side` or `side` + 1 in the place within the pixel: a plain
     grid is too narrow, which a fit would take for a rougher surface.
+
+    Args:
+        trace: of the object.
+        camera: the photograph's.
+        column, row: upper left corner of each pixel, in units of `width`; need not be whole.
+        side: rays along each side.
+        width: of the pixels, in the camera's own; more than 1 for blocks of them.
     """
     offset = torch.tensor(equal_weight_nodes(side), dtype=torch.float64)
     dy, dx = (grid.flatten() for grid in torch.meshgrid(offset, offset, indexing="ij"))
     x, y = column[:, None] + dx, row[:, None] + dy
-    origins, directions = camera.rays(x.flatten(), y.flatten())
+    origins, directions = camera.rays(width * x.flatten(), width * y.flatten())
     return trace(origins, directions).reshape(len(column), side**2)
 
 

@@ -35,6 +35,7 @@ def diffuse_table(
     environment: Environment,
     degree: int = DEGREE,
     before: tuple[Occluder, Float[Tensor, "p 3"]] | None = None,
+    most: int | None = None,
 ) -> Float[Tensor, "p b 3"]:
     """D_b(n) = ∫ L(l) T_b(2√(n·l) - 1) max(0, n·l)/π dl, a sum over blocks of the map, without noise.
 
@@ -47,11 +48,13 @@ def diffuse_table(
         degree: number of polynomials; 1 gives the irradiance over π alone.
         before: what hides light from each place, and where its rays start; None where nothing does. With it the sum
             is over fewer blocks.
+        most: blocks, where it shall be other than that.
 
     Returns:
         D_b, radiance, float32, on the CPU; D_0 is what a white Lambertian surface sends out.
     """
-    towards, light = (value.float() for value in blocks(environment, _BLOCKS if before is None else _BLOCKS_ASKED))
+    usual = _BLOCKS if before is None else _BLOCKS_ASKED
+    towards, light = (value.float() for value in blocks(environment, most or usual))
 
     def integrate(start: int) -> Float[Tensor, "c b 3"]:
         part = slice(start, start + _CHUNK)
@@ -97,7 +100,7 @@ def blocks(environment: Environment, most: int = _BLOCKS) -> tuple[Float[Tensor,
 def _blocks(environment: Environment, _version: int, most: int) -> tuple[Float[Tensor, "t 3"], Float[Tensor, "t 3"]]:
     """The lamps of an environment that is told by its tensor, and a tensor by how often it was changed."""
     levels = [_moments(_refined(environment))]
-    while levels[-1].shape[-2] > _COARSEST:
+    while levels[-1].shape[-2] > (_COARSEST if most >= _BLOCKS_ASKED else _COARSEST // 4):
         levels.append(4 * torch.nn.functional.avg_pool2d(levels[-1], 2))
     leaves = zip(levels, _leaves(levels, most), strict=True)
     light, moment = torch.cat([level[:, leaf] for level, leaf in leaves], 1).split(3)

@@ -9,9 +9,9 @@ MIRRORS = frozenset({"metal", "glossy"})
 SCATTERS = frozenset({"glossy", "matte"})
 
 NOT_WITH = {
-    "normal-map": "a map, which a scene file cannot name so far",
-    "color-map": "a map, which a scene file cannot name so far",
-    "double-bounce": "a map of ambient occlusion, which a scene file cannot name so far",
+    "normal-map": "a map, which normal_map of a scene's [[materials]] names",
+    "color-map": "a map, which --maps color recovers",
+    "double-bounce": "a map, which ambient_occlusion_map of a scene's [[materials]] names, in the viewer's model",
     "captured-neighbours": "the viewer: fits leave out pixels that mirror other objects, or follow rays to them",
     "depth-scaled-blur": "the viewer: fits leave out pixels that mirror other objects, or follow rays to them",
 }
@@ -21,6 +21,8 @@ NOT_WITHOUT = {
     "reflection": "--type matte",
     "diffuse-irradiance": "--type metal",
     "horizon": "--fidelity viewer",
+    "normal-map": "a scene without normal_map",
+    "double-bounce": "--without ambient-occlusion",
 }
 """What no fit can do without, and what to say instead."""
 
@@ -38,6 +40,7 @@ class Facts:
         footprint: rays along each side of a pixel that were asked for.
         untraced: why no paths are traced here, because they cannot be or need not; None where they may.
         found: whether the materials are known, and not just possible.
+        maps: textures that there are: "color", "normal", "ambient-occlusion".
     """
 
     kinds: frozenset[str]
@@ -48,6 +51,7 @@ class Facts:
     footprint: int
     untraced: str | None = None
     found: bool = False
+    maps: frozenset[str] = frozenset()
 
     @property
     def mirrors(self) -> bool:
@@ -77,6 +81,12 @@ def why_on(facts: Facts) -> dict[str, str]:
     sought = {} if facts.found and not facts.blurs else {"blur": "the roughness is sought"}
     if "metal" in facts.kinds:
         sought["exact-fresnel"] = "n and k differ in it alone"
+    if "color" in facts.maps:
+        sought["color-map"] = "--maps color recovers it"
+    if "normal" in facts.maps:
+        sought["normal-map"] = "the scene names one"
+    if "ambient-occlusion" in facts.maps:
+        sought |= dict.fromkeys(("ambient-occlusion", "double-bounce"), "the scene names a map of it")
     horizon = "light from below the surface is not counted"
     return {"reflection": facts.materials, "diffuse-irradiance": facts.materials, "horizon": horizon, **sought}
 
@@ -114,6 +124,15 @@ def _one_ray(facts: Facts) -> str | None:
     return None if facts.footprint > 1 else "one ray per pixel was asked for"
 
 
+def _without_map(name: str, why: str = "none is given") -> Rule:
+    return lambda facts: None if name in facts.maps else why
+
+
+def _unmapped(rule: Rule) -> Rule:
+    """A rule for objects without a map of ambient occlusion."""
+    return lambda facts: None if "ambient-occlusion" in facts.maps else rule(facts)
+
+
 def _never(why: str) -> Rule:
     return lambda facts: why
 
@@ -135,10 +154,18 @@ _RULES: Mapping[str, tuple[Rule, ...]] = {
     "light-reflection": (_nothing_mirrors, _no_lights),
     "diffuse-irradiance": (_no_body,),
     "energy-guard": (_one_part, _above_thesis("a rough dielectric's own transmittance keeps the energy")),
-    "normal-map": (_never("none is given"),),
-    "color-map": (_never("none is given"),),
-    "ambient-occlusion": (_no_body, _convex, _in_thesis("the viewer has none where no map of it is given")),
-    "double-bounce": (_never("no ambient-occlusion map is given"),),
+    "normal-map": (_without_map("normal"),),
+    "color-map": (_without_map("color"), _no_body),
+    "ambient-occlusion": (
+        _no_body,
+        _unmapped(_convex),
+        _unmapped(_in_thesis("the viewer has none where no map of it is given")),
+    ),
+    "double-bounce": (
+        _without_map("ambient-occlusion", "no ambient-occlusion map is given"),
+        _nothing_mirrors,
+        _above_thesis("rays meet the object itself where it is, see self-visibility"),
+    ),
     "captured-neighbours": (
         _convex,
         _above_thesis("rays meet neighbours where they are, see self-visibility"),

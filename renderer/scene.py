@@ -196,10 +196,12 @@ class PhotographSpec(Checked):
 
 
 class MaterialSpec(Checked):
-    """`[[materials]]`: what to take for given, by the mesh's material name."""
+    """`[[materials]]`: what to take for given, by the mesh's material name; maps are laid over texture coordinates."""
 
     name: str
     type: Literal["auto", "metal", "glossy", "matte"] = "auto"
+    normal_map: ExistingFile | None = None
+    ambient_occlusion_map: ExistingFile | None = None
 
 
 class Scene(Checked):

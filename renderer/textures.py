@@ -88,6 +88,20 @@ def lookup(texture: Texture, uv: Float[Tensor, "*p 2"]) -> Float[Tensor, "*p c"]
     return torch.lerp(upper, lower, below.to(texels))
 
 
+def texel_weights(
+    height: int, width: int, uv: Float[Tensor, "*p 2"]
+) -> tuple[Int[Tensor, "*p 4"], Float[Tensor, "*p 4"]]:
+    """How `lookup` mixes a texture: four texels for each place, counted row by row from the top, and their weights."""
+    u, v = (uv - uv.floor()).unbind(-1)
+    column, right = _cell(u * width - 0.5)
+    row, below = _cell((1 - v) * height - 0.5)
+    across, down = torch.cat([1 - right, right], -1), torch.cat([1 - below, below], -1)
+    rows = torch.stack([row, row + 1], -1) % height
+    columns = torch.stack([column, column + 1], -1) % width
+    index = rows[..., :, None] * width + columns[..., None, :]
+    return index.flatten(-2), (down[..., :, None] * across[..., None, :]).flatten(-2)
+
+
 def _cell(position: Float[Tensor, "*p"]) -> tuple[Int[Tensor, "*p"], Float[Tensor, "*p 1"]]:
     """The texel at or before a position along one axis, and how far towards the next one it lies, in [0, 1)."""
     before = position.detach().floor()

@@ -1,0 +1,151 @@
+"""The colour texture of a material: solved for from all photographs, filled, padded, and written as PNG."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+import torch
+from jaxtyping import Float, Int, UInt8
+
+from fitter.color_map_rows import rows
+from fitter.color_map_solve import solve, texture_size
+from fitter.loading import Loaded
+from fitter.parts import FittedPart, Progress
+from fitter.pictures import LONGEST_SIDE, Rgba, png
+from fitter.result import FittedMaterial, Intervals, Maps
+from renderer.atomic import write_bytes_atomically
+from renderer.errors import InputError
+from renderer.gbuffer import Tracer
+from renderer.mesh import Mesh
+from renderer.textures import Texture
+from renderer.unwrapped import filled, unwrapped
+from shaders.materials import Glossy, Matte
+from shaders.tone_mapping import srgb
+
+SMALLEST, LARGEST = 16, 4096  # texels along a side
+LEAST_MEAN = 1e-3  # of a channel's texels, below which a tint would only be rounding
+
+
+@dataclass(frozen=True)
+class ColorMap:
+    """A texture that was found.
+
+    Attributes:
+        color: linear Rec. 709, in [0, 1], [h, w, 3]; without holes.
+        photographs: how many see each texel.
+        scatter: of the photographs about it, relative.
+    """
+
+    color: Float[np.ndarray, "h w 3"]
+    photographs: Int[np.ndarray, "h w"]
+    scatter: float
+
+    @property
+    def mean(self) -> tuple[float, float, float]:
+        """Of the texels that a photograph sees."""
+        seen = self.photographs > 0
+        red, green, blue = self.color[seen if seen.any() else ...].reshape(-1, 3).mean(0).tolist()
+        return red, green, blue
+
+    @property
+    def sentence(self) -> str:
+        """What there is to say of it."""
+        height, width = self.photographs.shape
+        seen, often = (int((self.photographs >= least).sum()) for least in (1, 2))
+        return (
+            f"The colour map has {width} × {height} texels, as fine as the photographs; {seen} of them are seen,"
+            f" {often} by two photographs or more; pixels scatter by {self.scatter:.2g} of their radiance about it."
+        )
+
+
+def require_mappable(shape: object, source: Path | None, maps: Sequence[str]) -> None:
+    """Raises InputError where there is nothing to lay a texture over."""
+    if maps and not isinstance(shape, Mesh):
+        raise InputError("--maps", value="color", expected="a mesh with texture coordinates, not a sphere")
+    if maps and isinstance(shape, Mesh) and shape.uv is None:
+        raise InputError(source or "mesh", expected="texture coordinates (vt) for --maps color, on every part")
+
+
+def with_color_map(part: FittedPart, loaded: Loaded, trace: Tracer, seed: int, progress: Progress) -> FittedPart:
+    """The part with the texture of its body; one of metal as it was."""
+    if part.material.type == "metal":
+        return replace(part, told=f"{part.told} Metals have no body to be coloured, and no colour map.")
+    assert isinstance(loaded.shape, Mesh)
+    found = rows(part, loaded.photographs, trace, sorted(loaded.repeated), seed, lambda s: progress("colour map", s))
+    if not any((each.area > 0).any() for each in found):
+        return replace(part, told=f"{part.told} Its faces have no texture coordinates: there is no colour map of it.")
+    size = texture_size(found, SMALLEST, LARGEST)
+    progress("colour map", 1.0)
+    material = part.choice.fit.material
+    assert isinstance(material, Glossy | Matte)
+    front = material.color * material.reflectance.clamp_min(1.0)  # of the body that `rows` has
+    mean = front.clamp_min(LEAST_MEAN).numpy()
+    solution = solve(found, size, mean)
+    layout = unwrapped(loaded.shape, part.index, size, size)
+    color = np.clip(filled(solution.color, solution.solved, layout), 0, 1)
+    made = ColorMap(color, np.where(layout.inside, solution.photographs, 0), solution.scatter)
+    setting = replace(part.setting, color_map=Texture(torch.from_numpy(made.color / mean)))
+    told = f"{part.told} {_on_spots(part)}{made.sentence}"
+    return replace(part, material=_recolored(part.material, made.mean), setting=setting, told=told, color_map=made)
+
+
+def _on_spots(part: FittedPart) -> str:
+    if part.observed.spot is not None:
+        return ""
+    return (
+        "Hardly any place is seen by two photographs: what the material mirrors was fitted as if its colour were even. "
+    )
+
+
+def _recolored(material: FittedMaterial, mean: tuple[float, float, float]) -> FittedMaterial:
+    """The material with the mean of its texture for its colour; intervals move along."""
+    moved = None
+    if material.interval95.color is not None and material.color is not None:
+        moved = tuple(
+            None if each is None else tuple(float(np.clip(end + new - old, 0, 1)) for end in each)
+            for each, new, old in zip(material.interval95.color, mean, material.color, strict=True)
+        )
+    intervals: Intervals = material.interval95.model_copy(update={"color": moved})
+    return material.model_copy(update={"color": mean, "interval95": intervals})
+
+
+def with_written_maps(parts: Sequence[FittedPart], stem: str, folder: Path) -> list[FittedPart]:
+    """Write the maps of every part that has one, and name them in its material.
+
+    The PNG of colours has 8 bits in sRGB, which is what every reader of `map_Kd` takes it for; the other one's values
+    are numbers of photographs.
+    """
+    return [part if part.color_map is None else _written(part, len(parts), stem, folder) for part in parts]
+
+
+def _written(part: FittedPart, parts: int, stem: str, folder: Path) -> FittedPart:
+    assert part.color_map is not None
+    base = _file_name(stem if parts == 1 else f"{stem}_{part.index}_{part.material.name}")
+    names = Maps(color=f"{base}_color.png", color_seen=f"{base}_color_seen.png")
+    write_bytes_atomically(folder / names.color, png(codes(part.color_map.color)))
+    seen = np.minimum(part.color_map.photographs, 255).astype(np.uint8)
+    write_bytes_atomically(folder / names.color_seen, png(seen))
+    return replace(part, material=part.material.model_copy(update={"maps": names}))
+
+
+def codes(color: Float[np.ndarray, "h w 3"]) -> UInt8[np.ndarray, "h w 3"]:
+    """Linear colours as sRGB in 8 bits."""
+    return np.round(255 * srgb(torch.from_numpy(color)).numpy()).astype(np.uint8)
+
+
+def _file_name(text: str) -> str:
+    """Without what readers of MTL files take for something else."""
+    return re.sub(r"[^\w.-]+", "_", text, flags=re.ASCII).strip("_.") or "material"
+
+
+def shown(found: ColorMap) -> tuple[Rgba, Rgba]:
+    """The map, and how many photographs see each texel, for people: at most `LONGEST_SIDE` texels along a side."""
+    step = -(-max(found.photographs.shape) // LONGEST_SIDE)
+    color, seen = codes(found.color[::step, ::step]), found.photographs[::step, ::step]
+    grey = np.round(255 * seen / max(1, seen.max())).astype(np.uint8)[..., None].repeat(3, -1)
+    whole = np.full_like(grey[..., :1], 255)
+    return np.concatenate([color, whole], -1), np.concatenate([grey, whole], -1)

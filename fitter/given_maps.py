@@ -1,0 +1,54 @@
+"""Normal maps and maps of ambient occlusion that a scene file names, read and checked."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import torch
+
+from renderer.appearance import Maps
+from renderer.errors import InputError
+from renderer.mesh import Mesh, Shape, faceted
+from renderer.scene import MaterialSpec
+from renderer.tangents import with_mirrored_apart
+from renderer.textures import Texture, read_texture
+
+
+def given_maps(specs: Sequence[MaterialSpec], shape: Shape, names: Sequence[str], scene_file: Path) -> tuple[Maps, ...]:
+    """The maps of each of the shape's materials, in their order.
+
+    Raises:
+        InputError: there is nothing to lay them over, or a file is no such map.
+    """
+    found = {name: Maps() for name in names}
+    for index, spec in enumerate(specs):
+        for key in ("normal_map", "ambient_occlusion_map"):
+            file = getattr(spec, key)
+            if file is not None and (not isinstance(shape, Mesh) or shape.uv is None):
+                field = f"materials[{index}].{key}"
+                raise InputError(scene_file, field, file.name, "a mesh with texture coordinates (vt) to lay it over")
+        found[spec.name] = Maps(
+            normal=_normal(spec.normal_map), ambient_occlusion=_openness(spec.ambient_occlusion_map)
+        )
+    return tuple(found[name] for name in names)
+
+
+def _normal(file: Path | None) -> Texture | None:
+    if file is None:
+        return None
+    texture = read_texture(file, color=False)
+    if torch.equal(texture.texels, texture.texels[..., :1].expand_as(texture.texels)):
+        raise InputError(file, expected="a normal map in colours, not a grey height map")
+    return texture
+
+
+def _openness(file: Path | None) -> Texture | None:
+    return None if file is None else Texture(read_texture(file, color=False).texels[..., :1])
+
+
+def shape_under(shape: Shape, maps: Sequence[Maps]) -> Shape:
+    """The shape with what normal maps take: vertex normals, and no vertex that two mirrored halves of a map share."""
+    if not isinstance(shape, Mesh) or all(each.normal is None for each in maps):
+        return shape
+    return with_mirrored_apart(faceted(shape) if shape.normals is None else shape)
