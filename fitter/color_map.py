@@ -14,8 +14,9 @@ from jaxtyping import Float, Int, UInt8
 from fitter.color_map_rows import rows
 from fitter.color_map_solve import solve, texture_size
 from fitter.loading import Loaded
-from fitter.parts import FittedPart, Progress
+from fitter.parts import FittedPart
 from fitter.pictures import LONGEST_SIDE, Rgba, png
+from fitter.progress import Progress
 from fitter.result import FittedMaterial, Intervals, Maps
 from renderer.atomic import write_bytes_atomically
 from renderer.errors import InputError

@@ -22,8 +22,9 @@ from fitter.nearest import nearest_metals
 from fitter.parameters import MetalCoordinates
 from fitter.polish import Polish, polish_scene, polished
 from fitter.prior import Prior, borrow
+from fitter.problem import Problem
+from fitter.progress import Progress
 from fitter.result import FittedMaterial, MaterialType, Tolerance
-from fitter.search import Problem
 from fitter.selection import Observations, choose_pixels
 from fitter.setting import Setting
 from fitter.solve import SOLVERS
@@ -40,7 +41,6 @@ from shaders.materials import Glossy
 if TYPE_CHECKING:
     from fitter.color_map import ColorMap
 
-Progress = Callable[[str, float], None]
 
 MOST_TRACED = 4000  # pixels, of which paths take a minute or two; what they leave uncertain in F0 is a thousandth
 
@@ -218,8 +218,9 @@ def _part(index: int, name: str, observed: Observations, choice: Choice, setting
     rho = None
     if not setting.fidelity.blurs and fit.material.type != "matte":
         model = fit.residuals.model
-        spotted = isinstance(model, SpottedPixels) and isinstance(fit.material, Glossy)
-        tint = model.tint(fit.material) if spotted else None
+        tint = None
+        if isinstance(model, SpottedPixels) and isinstance(fit.material, Glossy):
+            tint = model.tint(fit.material)
         rho = viewer_roughness(observed, setting.viewers, fit.material, tint)
     borrowed = borrow(fit, uncertainty, prior)
     material = fitted_material(name, fit, uncertainty, rho, nearest, borrowed)

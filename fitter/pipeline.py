@@ -22,12 +22,13 @@ from fitter.loading import Loaded, load
 from fitter.mtl import ordinary_mtl, thesis_mtl
 from fitter.nuisances import require_known
 from fitter.outliers import OutlierMap, outlier_maps, told
-from fitter.parts import FittedPart, Progress, painted
+from fitter.parts import FittedPart, painted
 from fitter.planned_fit import PlannedFit, fit_planned
 from fitter.polish import require_polishable
 from fitter.pose_file import transforms_json
 from fitter.pose_refinement import RefinedPoses, pose_fidelity, refine_poses
 from fitter.preflight.preflight import affordable, preflight
+from fitter.progress import Progress
 from fitter.quality import ViewPictures
 from fitter.reflectances import REFLECTANCES
 from fitter.report import comparison_png, render_report

@@ -8,8 +8,9 @@ from pathlib import Path
 
 from fitter.fit_options import FitOptions
 from fitter.loading import Loaded
-from fitter.parts import FittedPart, Progress, fit_parts, kinds_of, polished_parts
+from fitter.parts import FittedPart, fit_parts, kinds_of, polished_parts
 from fitter.planning import Planner
+from fitter.progress import Progress
 from fitter.result import MaterialType
 from fitter.setting import Setting
 from renderer.gbuffer import Tracer

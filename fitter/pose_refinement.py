@@ -16,8 +16,9 @@ from fitter.loading import Loaded
 from fitter.parts import kinds_of
 from fitter.pose_outline import MOST_APART, Border, border_of
 from fitter.pose_reflections import Shown, informed, shown_pixels
+from fitter.progress import Progress
 from fitter.result import RefinedCamera
-from fitter.search import Fit, Progress
+from fitter.search import Fit
 from fitter.setting import Setting
 from fitter.uncertainty import believed
 from renderer.errors import InputError

@@ -11,9 +11,11 @@ from torch import Tensor
 
 from fitter.album import Album
 from fitter.choice import fit_type
+from fitter.problem import Problem
+from fitter.progress import Progress
 from fitter.result import MaterialType
 from fitter.sampled_view import Pixels, sampled_views
-from fitter.search import Fit, Problem, Progress, anew
+from fitter.search import Fit, anew
 from fitter.selection import Observations
 from fitter.setting import Setting
 from fitter.solve import SOLVERS
@@ -47,6 +49,11 @@ class Shown:
         """Which photograph each pixel is of."""
         counts = torch.tensor([len(each) for each in self.pixels])
         return torch.repeat_interleave(torch.arange(len(counts)), counts)
+
+    @property
+    def place(self) -> Int[Tensor, "p 3"]:
+        """Photograph, row and column."""
+        return torch.cat([self.photograph[:, None], torch.cat(self.pixels)], 1)
 
     def seen(self, trace: Tracer, cameras: Sequence[Camera], footprint: int) -> GBuffer:
         """What they show if the photographs are taken by these cameras: [p, k] rays."""
@@ -138,7 +145,7 @@ def informed(
     surface = shown.seen(trace, [pose.camera for pose in poses], setting.fidelity.footprint)
     whole = shown.whole(surface)
     shown, surface = shown[whole], surface[whole]
-    observed = Observations(surface, shown.radiance, 0.0, False, len(shown.radiance))
+    observed = Observations(surface, shown.radiance, 0.0, False, len(shown.radiance), shown.place)
     problem = Problem(observed, setting, SOLVERS["lm"], progress)
     fit = fit_type(problem, kind).fit if before is None else anew(problem, before)
     whitening = fit.residuals.robust_whitening(fit.x)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -14,6 +13,7 @@ from fitter.fidelity import BLUR_RANGE, MICROFACET_RANGE, Fidelity
 from fitter.noise import neighbours_of, relative_weight
 from fitter.nuisances import SCANNED, Nuisances, Turn
 from fitter.pixel_model import PixelModel, central
+from fitter.progress import Progress
 from fitter.result import MaterialType
 from fitter.selection import Observations
 from fitter.setting import Setting
@@ -21,8 +21,6 @@ from fitter.solve import Solver
 from fitter.textured_pixels import SpottedPixels
 from fitter.turning import TURNS, joined, turned
 from renderer.transport import LightTable
-
-Progress = Callable[[str, float], None]
 
 
 @dataclass(frozen=True)
