@@ -19,7 +19,7 @@ from fitter.pixel_model import PixelModel
 from fitter.residuals import Residuals
 from fitter.search import Fit, fit_material
 from fitter.setting import Setting
-from fitter.turning import TurnedPixels, joined, turned
+from fitter.turning import TURNS, TurnedPixels, joined, turned
 from fitter.uncertainty import Spread, spread
 from renderer.studio import studio
 from renderer.transport import LightTable
@@ -210,8 +210,8 @@ def test_an_environment_that_is_turned_is_found_where_it_is(kind):
 
 
 def test_between_its_turns_the_environments_picture_is_the_one_that_turned():
-    """Of gold at four fifths of a step of one degree, against a table of that turn. The lobe is fifteen times as wide: a
-    parabola errs by next to nothing, and what is left of the difference is the tables' noise."""
+    """Of gold at four fifths of a step of one degree, against a table of that turn. The lobe is fifteen times as wide:
+    a parabola errs by next to nothing, and what is left of the difference is the tables' noise."""
     light, surface, angle = studio(128), surface_of(8), 0.8
     fidelity, levels = PRESETS["preview"], (0.15, 0.4, 3)
 
