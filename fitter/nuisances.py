@@ -28,7 +28,7 @@ EXPOSURE_WIDTH = 1.5  # standard deviation of a logarithm: with 95 % within a fa
 WHITE_BALANCE_WIDTH = 0.3  # of red and blue against green: with 95 % within a factor of 1.8, daylight against a lamp's
 ROTATION_WIDTH = 3.0  # degrees: with 95 % within six
 SCANNED = (-6.0, -3.0, 0.0, 3.0, 6.0)  # degrees at which a fit looks for it first
-STEPS = (1.5, 0.5)  # degrees between the turns of the environment whose pictures are interpolated, at first and at last
+STEPS = (2.0, 1.0)  # degrees between the turns of the environment whose pictures are interpolated, at first and at last
 ALIKE = 0.9  # of the prior's variance that photographs share: one camera took them
 TOLD = 0.1  # standard deviation below which a factor is no guess any more
 

@@ -15,11 +15,14 @@ from fitter.measured import measured
 from fitter.noise import even_whitening
 from fitter.nuisances import EXPOSURE_WIDTH, Gains, Nuisances, Unknown
 from fitter.parameters import Interval, MetalCoordinates
+from fitter.pixel_model import PixelModel
 from fitter.residuals import Residuals
 from fitter.search import Fit, fit_material
 from fitter.setting import Setting
+from fitter.turning import TURNS, TurnedPixels, joined, turned
 from fitter.uncertainty import Spread, spread
 from renderer.studio import studio
+from renderer.transport import LightTable
 from tests.test_search import TRUTHS, gold, problem_of, surface_of
 
 ALL = (Unknown("exposure"), Unknown("white_balance", channel=0), Unknown("white_balance", channel=2))
@@ -116,7 +119,7 @@ def test_their_jacobian_and_the_pixels_meet_finite_differences(residuals):
 def exposed(kind: str, unknowns, factors, known: float | None) -> tuple[Fit, Spread]:
     """A fit to pictures by its own model times factors; `known` is the error to which the surroundings tell these."""
     fidelity = replace(preset("preview"), samples=256, search_samples=64)
-    problem = problem_of(TRUTHS[kind], surface_of(24, 2), studio(128), fidelity, samples=4096)
+    problem = problem_of(TRUTHS[kind], surface_of(18, 2), studio(128), fidelity, samples=2048)
     count, generator = len(problem.observed.radiance), torch.Generator().manual_seed(6)
     place = torch.zeros(count, 3, dtype=torch.long)
     place[:, 0] = torch.arange(count) * len(factors) // count
@@ -179,27 +182,56 @@ def test_photographs_of_one_camera_share_their_errors():
     assert float(covariance.mean()) == pytest.approx(EXPOSURE_WIDTH**2 * (0.9 + 0.1 / 3))
 
 
-def test_an_environment_that_is_turned_is_found_where_it_is():
-    """By four degrees, between two of those that are scanned; the chance of a sound fit to fail is 6e-7. The material
-    is as well found as if nothing were turned."""
-    light = studio(128)
+@pytest.mark.parametrize("kind", [pytest.param("metal", marks=pytest.mark.slow), "matte"])
+def test_an_environment_that_is_turned_is_found_where_it_is(kind):
+    """By four degrees, between two of those that are scanned; a sound fit fails with a chance of 6e-7 for each number.
+    Shades of a matte ball tell it less well than lamps that a metal mirrors."""
+    light, truth = studio(128), TRUTHS[kind]
     fidelity = replace(preset("preview"), samples=256, search_samples=64)
     turned = replace(light, rotation=4.0)
-    problem = problem_of(gold(0.2), surface_of(20, 2), turned, fidelity, samples=2048)
+    problem = problem_of(truth, surface_of(20 if kind == "metal" else 12, 2), turned, fidelity, samples=2048)
+    noise = torch.randn(problem.observed.radiance.shape, generator=torch.Generator().manual_seed(5)).double()
+    observed = replace(problem.observed, radiance=problem.observed.radiance * (1 + 0.005 * noise))
     nuisances = Nuisances.before((Unknown("rotation", start=10.0),), 1)
-    fit = fit_material(replace(problem, setting=Setting(light, (), fidelity), nuisances=nuisances), "metal")
+    setting = Setting(light, (), fidelity)
+    fit = fit_material(replace(problem, observed=observed, setting=setting, nuisances=nuisances), kind)
     error = spread(fit.residuals, fit.x)
     found = found_beside([(fit, error)], ["a"])
     assert found is not None
     assert fit.solution.status == "converged"
     assert abs(found.records[0].value - 14.0) < 5 * found.records[0].stderr
-    assert found.records[0].stderr < 0.2
-    assert found.records[0].determined
+    assert found.records[0].stderr < 0.5
     torch.testing.assert_close(found.factors, torch.ones(1, 3).double())
-    for number, true in zip(measured(fit, error, "f0"), gold(0.2).f0.tolist(), strict=True):
+    key = "f0" if kind == "metal" else "color"
+    for number, true in zip(measured(fit, error, key), getattr(truth, key).tolist(), strict=True):
         assert number.stderr is not None
         assert abs(number.value - true) < 5 * number.stderr
         assert number.stderr < 0.02
+
+
+def test_between_its_turns_the_environments_picture_is_the_one_that_turned():
+    """Of gold at four fifths of a step of one degree, against a table of that turn. The lobe is fifteen times as wide:
+    a parabola errs by next to nothing, and what is left of the difference is the tables' noise."""
+    light, surface, angle = studio(128), surface_of(8), 0.8
+    fidelity, levels = PRESETS["preview"], (0.15, 0.4, 3)
+
+    def model(degrees: float) -> PixelModel:
+        setting = Setting(replace(light, rotation=degrees), (), fidelity)
+        return setting.pixels(surface, body=False)
+
+    def table(degrees: float) -> LightTable:
+        return Setting(replace(light, rotation=degrees), (), fidelity).table(surface, levels, 8192)
+
+    between = turned([model(each) for each in TURNS]).under(joined([table(each) for each in TURNS]))
+    assert isinstance(between, TurnedPixels)
+    found = between.at(float64(angle)).radiance(gold(0.25))
+    expected = model(angle).under(table(angle)).radiance(gold(0.25))
+    moved = model(0.0).under(table(0.0)).radiance(gold(0.25)) - expected
+    assert (found - expected).abs().median() < 0.3 * moved.abs().median()
+    mixing = between.at(float64(angle)).mixing(gold(0.25))
+    assert mixing is not None
+    mixed = torch.einsum("pqc,qc->pc", between.mixed(slice(None)), mixing)
+    torch.testing.assert_close(mixed, found)
 
 
 def test_white_balance_that_went_in_comes_out():

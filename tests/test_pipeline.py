@@ -200,7 +200,8 @@ def test_a_wrong_exposure_is_found_where_it_is_fitted(iron, iron_result, tmp_pat
         assert high - low > 1.5 * (most - least)
     assert read_result(tmp_path / "out" / "result.json") == result
     assert "Fitted beside the material" in (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
-    assert result.quality.overall.rms_relative < 0.05  # the pictures are in the photographs' exposure
+    # the pictures are in the photographs' exposure, and differ by the noise that they differ by anyway
+    assert result.quality.overall.rms_relative == pytest.approx(iron_result.quality.overall.rms_relative, rel=0.1)
     assert iron_result.nuisances is None
 
 
