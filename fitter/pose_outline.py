@@ -74,10 +74,8 @@ class Border:
         size = np.array(coverage.shape)
         found = found[((found > 1) & (found < size - 2)).all(1)]
         found = found[:: -(-len(found) // MOST_POINTS) or 1]
-        slope = [
-            map_coordinates(gaussian_filter(coverage, SMOOTH, order), found.T, order=1, mode="nearest")
-            for order in ((0, 1), (1, 0))
-        ]
+        smooth = gaussian_filter(coverage, SMOOTH)
+        slope = [map_coordinates(np.gradient(smooth, axis=axis), found.T, order=1, mode="nearest") for axis in (1, 0)]
         outward = -torch.from_numpy(np.stack(slope, -1)).double()
         place = torch.from_numpy(found[:, ::-1].copy()).double() + 0.5
         certain = outward.norm(dim=-1) > 0

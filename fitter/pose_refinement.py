@@ -171,13 +171,15 @@ def _require_small(pose: Pose, place: tuple[Path, str]) -> None:
 
 def _record(name: str, pose: Pose, error: Float[Tensor, "6"]) -> RefinedCamera:
     turn, shift = error.split(3)
-    return RefinedCamera(
-        name=name,
-        degrees=pose.degrees,
-        percent=100 * pose.share,
-        stderr_degrees=DEGREES * float(turn.norm()),
-        stderr_percent=100 * SHARE * float(shift.norm()),
-        matrix=pose.camera.camera_to_world.tolist(),
+    return RefinedCamera.model_validate(
+        {
+            "name": name,
+            "degrees": pose.degrees,
+            "percent": 100 * pose.share,
+            "stderr_degrees": DEGREES * float(turn.norm()),
+            "stderr_percent": 100 * SHARE * float(shift.norm()),
+            "matrix": pose.camera.camera_to_world.tolist(),
+        }
     )
 
 

@@ -37,7 +37,7 @@ def camera(size: int = SIZE, **changes: object) -> Camera:
 def egg() -> Mesh:
     """A body with three different axes, turned: six numbers of a camera change its outline."""
     ball = trimesh.creation.icosphere(subdivisions=4)
-    turned = trimesh.transformations.rotation_matrix(0.7, [1, 2, 3])[:3, :3]
+    turned = np.asarray(trimesh.transformations.rotation_matrix(0.7, [1, 2, 3]))[:3, :3]
     vertices = ball.vertices * [1.0, 0.6, 0.4] @ turned.T
     vertices = vertices + 0.15 * np.sin(3 * vertices[:, [1, 2, 0]])
     faces = np.asarray(ball.faces)

@@ -52,7 +52,7 @@ def test_cameras_come_back_to_where_they_stood(gold_scene, tmp_path, monkeypatch
         camera = replace(true.given, camera_to_world=torch.tensor(found.matrix, dtype=torch.float64))
         degrees, share = left(Pose.of(camera, read_shape(read_scene(gold_scene).geometry)), true.given)
         before, _ = left(was, true.given)
-        assert degrees < before / 3
+        assert degrees < before / 2  # by outlines alone the turn about the line of sight stays, four fifths of it
         assert degrees < 4 * found.stderr_degrees + 0.05  # the noise of two hundred paths makes errors of errors
         assert 100 * share < 4 * found.stderr_percent + 0.05
         assert found.degrees == pytest.approx(before, abs=degrees + 1e-6)  # how far it went: by the triangle
