@@ -21,7 +21,6 @@ from fitter.mtl import ordinary_mtl, thesis_mtl
 from fitter.parts import FittedPart, Progress, painted
 from fitter.planned_fit import PlannedFit, fit_planned
 from fitter.polish import require_polishable
-from fitter.preflight.preflight import affordable, preflight
 from fitter.quality import ViewPictures
 from fitter.reflectances import REFLECTANCES
 from fitter.report import comparison_png, render_report
@@ -139,6 +138,8 @@ def _warnings(
     """What is wrong with the input, a sentence each; it stops no fit, and nor does its search."""
     if not options.check:
         return []
+    from fitter.preflight.preflight import affordable, preflight
+
     progress("checking the input", 0)
     try:
         most = affordable(loaded.photographs)

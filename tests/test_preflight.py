@@ -7,6 +7,7 @@ import math
 import numpy as np
 import pytest
 import torch
+from kornia.color import rgb_to_linear_rgb
 from scipy import ndimage
 
 from fitter.photographs import Photograph
@@ -17,6 +18,7 @@ from fitter.preflight.pictures import Light
 from fitter.preflight.pixels import pixel_findings
 from fitter.preflight.sharpness import edge_width
 from fitter.preflight.silhouette import Sighting, mesh_turn, silhouette_findings
+from fitter.preflight.suppositions import _decoded, _encoded
 from renderer import gbuffer
 from renderer.camera import Camera, look_at
 from renderer.environment import Environment
@@ -80,6 +82,13 @@ def test_pictures_of_an_orientation_are_those_in_a_map_that_was_really_changed()
     rough = slice(-3, None)
     ratio = turned.white[0, rough] / really.white[0, rough]
     assert float((ratio - 1).abs().median()) < 0.02
+
+
+def test_decoding_is_kornias():
+    code = torch.linspace(0, 1, 50)
+    expected = rgb_to_linear_rgb(code.expand(3, 1, 50))[0, 0]
+    torch.testing.assert_close(_decoded(code), expected)
+    torch.testing.assert_close(_encoded(_decoded(code)), code)
 
 
 @pytest.mark.parametrize("sigma", [1.5, 2.0])
