@@ -12,12 +12,14 @@ from scipy import ndimage
 
 from fitter.photographs import Photograph
 from fitter.preflight.duplicates import duplicate_findings, rows_of
+from fitter.preflight.finding import Finding
 from fitter.preflight.looks import Looks
 from fitter.preflight.orientation import GIVEN, Orientation, orientations
 from fitter.preflight.pictures import Light
 from fitter.preflight.pixels import pixel_findings
+from fitter.preflight.preflight import Lit, up_axes
 from fitter.preflight.sharpness import edge_width
-from fitter.preflight.silhouette import Sighting, mesh_turn, silhouette_findings
+from fitter.preflight.silhouette import MeshTurn, Sighting, mesh_turn, silhouette_findings
 from fitter.preflight.suppositions import _decoded, _encoded
 from renderer import gbuffer
 from renderer.camera import Camera, look_at
@@ -177,6 +179,21 @@ def test_a_mesh_that_is_z_up_is_told(drawn):
     assert turn is not None
     torch.testing.assert_close((turn.matrix @ upright.T).abs(), torch.eye(3).double())  # a brick has half turns, too
     assert mesh_turn(sighted(meant, meant, drawn), gbuffer.tracer(meant)) is None
+
+
+def test_cameras_that_are_z_up_are_told_once():
+    """They make the mesh and the light look wrong; a mesh that is z-up leaves the light alone."""
+    cameras = Finding("up-axis", "environment", "fits", "turn both")
+    against = MeshTurn("-Z", 0, True, 0.6, 0.99)  # what takes +Y to the cameras' +Z
+    told = up_axes(against, Lit(Orientation("+Z"), (cameras,)))
+    assert [(each.kind, each.where) for each in told] == [
+        ("up-axis", "photographs' cameras against mesh and environment")
+    ]
+    assert told[0].remedy == "turn the cameras so that their +Z becomes +Y: (x, y, z) → (x, z, -y)"
+    own = up_axes(MeshTurn("+Z", 0, True, 0.6, 0.99), Lit(GIVEN, ()))
+    assert [(each.where, each.remedy) for each in own] == [
+        ("geometry.mesh against photographs' cameras", "turn the mesh so that its +Z becomes +Y")
+    ]
 
 
 @pytest.mark.parametrize("drawn", [True, False], ids=["by its mask", "by the picture's edges"])
