@@ -27,7 +27,6 @@ from fitter.planned_fit import PlannedFit, fit_planned
 from fitter.polish import require_polishable
 from fitter.pose_file import transforms_json
 from fitter.pose_refinement import RefinedPoses, pose_fidelity, refine_poses
-from fitter.preflight.preflight import affordable, preflight
 from fitter.progress import Progress
 from fitter.quality import ViewPictures
 from fitter.reflectances import REFLECTANCES
@@ -174,6 +173,8 @@ def _warnings(
     """What is wrong with the input, a sentence each; it stops no fit, and nor does its search."""
     if not options.check:
         return []
+    from fitter.preflight.preflight import affordable, preflight
+
     progress("checking the input", 0)
     try:
         most = affordable(loaded.photographs)

@@ -93,7 +93,7 @@ def test_a_check_that_fails_stops_no_fit(gold_scene, monkeypatch, capsys, tmp_pa
     def broken(*arguments):
         raise RuntimeError("of the check")
 
-    monkeypatch.setattr("fitter.pipeline.preflight", broken)
+    monkeypatch.setattr("fitter.preflight.preflight.preflight", broken)
     asked = ("fit", gold_scene, "-o", tmp_path, "--fidelity", "preview", "--pixels", 300, "--type", "metal")
     assert run(monkeypatch, *asked) == 0
     assert "could not be checked (of the check)" in capsys.readouterr().err

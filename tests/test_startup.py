@@ -10,7 +10,7 @@ from importlib.metadata import version
 import pytest
 
 HEAVY = {"torch", "jax", "mitsuba", "drjit", "numpy", "scipy", "matplotlib", "kornia"}
-COMMANDS = ("fit", "batch", "frontier", "synth", "demo", "export", "view")
+COMMANDS = ("fit", "check", "batch", "frontier", "synth", "demo", "export", "view")
 PLENTY = 1000  # modules; typer and rich bring some 400, torch alone over 1500
 
 

@@ -13,7 +13,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 from fitter.preflight.finding import Finding, percent
-from fitter.preflight.orientation import Orientation, orientations
+from fitter.preflight.orientation import orientations, upright
 from fitter.preflight.suppositions import Supposition, Trial, Tribunal
 
 EXPLAINED = 0.05  # misfit at which nobody looks for a better orientation
@@ -123,7 +123,7 @@ def _orientation(step: Step, rotation: float) -> Finding:
     if to.up != "+Y":
         kind, where = "up-axis", "environment against mesh and cameras"
         value = f"with {to.up} of the scene up in the map{', ' if mirrored or turned else ''}{value}"
-        remedy = f"turn mesh and cameras so that their {to.up} becomes +Y: {_turning(to)}"
+        remedy = f"turn mesh and cameras so that their {to.up} becomes +Y: {turning(to.up)}"
         remedy += f", {mirror}" if to.mirrored else ""
         return Finding(kind, where, value, remedy + (f", {set_rotation}" if to.turn else ""))
     if to.mirrored:
@@ -131,9 +131,9 @@ def _orientation(step: Step, rotation: float) -> Finding:
     return Finding("environment-rotation", "environment.rotation", value, set_rotation)
 
 
-def _turning(to: Orientation) -> str:
-    """x, y, z → what they become, in words."""
-    names, rows = ("x", "y", "z"), Orientation(to.up).to_map(0).round().int().tolist()
+def turning(up: str) -> str:
+    """What becomes of x, y, z where an axis is turned to +Y."""
+    names, rows = ("x", "y", "z"), upright(up).int().tolist()
     becomes = [("-" if sum(row) < 0 else "") + names[[abs(v) for v in row].index(1)] for row in rows]
     return f"(x, y, z) → ({', '.join(becomes)})"
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import torch
@@ -12,8 +13,9 @@ from fitter.loading import Loaded
 from fitter.photographs import Photograph
 from fitter.preflight.duplicates import duplicate_findings, rows_of
 from fitter.preflight.finding import Finding, percent
-from fitter.preflight.light import Named, findings, steps
+from fitter.preflight.light import Named, findings, steps, turning
 from fitter.preflight.looks import look
+from fitter.preflight.orientation import GIVEN, Orientation, upright
 from fitter.preflight.pictures import Light
 from fitter.preflight.pixels import pixel_findings
 from fitter.preflight.sharpness import sharpness_finding
@@ -27,6 +29,14 @@ from renderer.surroundings import directional_light
 
 MOST = 8  # photographs that a coarse fit looks at
 FLOATS = (".exr", ".hdr", ".npy", *ENDINGS)
+
+
+@dataclass(frozen=True)
+class Lit:
+    """What a coarse fit says: how the world lies in the map, and its findings."""
+
+    orientation: Orientation
+    findings: tuple[Finding, ...]
 
 
 def preflight(loaded: Loaded, trace: Tracer, scene_file: Path, seed: int = 0, most: int | None = None) -> list[Finding]:
@@ -64,7 +74,7 @@ def preflight(loaded: Loaded, trace: Tracer, scene_file: Path, seed: int = 0, mo
     lost = silhouette_findings(sightings, names)
     seen = [i for i in range(len(numbers)) if not any(each.where == names[i] for each in lost)]
     lit = _light(loaded, [numbers[i] for i in _evenly(seen, MOST)], trace, scene_file, seed)
-    return [*_mesh(turn, lit), *lost, *lit, *found]
+    return [*up_axes(turn, lit), *lost, *found]
 
 
 def affordable(photographs: Album) -> int:
@@ -80,21 +90,24 @@ def _evenly(numbers: Sequence[int], most: int | None) -> list[int]:
     return [numbers[round(i * (len(numbers) - 1) / max(1, most - 1))] for i in range(most)]
 
 
-def _light(loaded: Loaded, numbers: Sequence[int], trace: Tracer, scene_file: Path, seed: int) -> list[Finding]:
+def _light(loaded: Loaded, numbers: Sequence[int], trace: Tracer, scene_file: Path, seed: int) -> Lit:
     """What a coarse fit finds."""
     if not numbers:
-        return []
+        return Lit(GIVEN, ())
     try:
         looks = look(loaded.photographs, numbers, trace, scene_file, len(loaded.materials), seed)
     except InputError as error:
-        return [Finding("silhouette", error.field, "0 pixels that can be fitted", f"there has to be {error.expected}")]
+        none = Finding("silhouette", error.field, "0 pixels that can be fitted", f"there has to be {error.expected}")
+        return Lit(GIVEN, (none,))
     sources = [directional_light(light) for light in loaded.scene.lights]
     light = Light.of(loaded.environment, sources)
     linear = [_is_linear(loaded.scene.photographs[number]) for number in numbers]
     tribunal = Tribunal(looks, light, torch.tensor(linear), seed)
     called = [_named(number, loaded.photographs[number]) for number in numbers]
     start = Supposition(gains="each") if any(each.exposure is None for each in called) else Supposition()
-    return findings(steps(tribunal, start), called, tribunal)
+    found = steps(tribunal, start)
+    orientation = found[-1].after.orientation if found else GIVEN
+    return Lit(orientation, tuple(findings(found, called, tribunal)))
 
 
 def _named(number: int, photograph: Photograph) -> Named:
@@ -109,13 +122,23 @@ def _is_linear(spec: PhotographSpec) -> bool:
     return spec.image.suffix.lower() in FLOATS
 
 
-def _mesh(turn: MeshTurn | None, lit: Sequence[Finding]) -> list[Finding]:
-    """What is to be said of a mesh that has to be turned."""
+def up_axes(turn: MeshTurn | None, lit: Lit) -> list[Finding]:
+    """What the light says, beside what is to be said of a mesh that has to be turned.
+
+    Cameras that are z-up show as both: against them the mesh lies wrong, and so does the light.
+    """
     if turn is None:
-        return []
-    told = f"turn the mesh so that its {turn.up} becomes +Y" if turn.up != "+Y" else "turn the mesh"
-    remedy = told + (f", then by {turn.turn}° about +Y" if turn.turn else "")
-    value = (
-        f"the mesh's silhouettes overlap the masks by {percent(turn.before)} (IoU), and by {percent(turn.after)} turned"
-    )
-    return [Finding("up-axis", "geometry.mesh against photographs' cameras", value, remedy)]
+        return list(lit.findings)
+    value = f"the mesh's silhouettes overlap the masks by {percent(turn.before)} (IoU), turned by {percent(turn.after)}"
+    if not turn.by_outline:
+        edges = f"{percent(turn.before)} of the picture, turned on such of {percent(turn.after)}"
+        value = f"the mesh's silhouettes lie on edges stronger than those of {edges}"
+    up = lit.orientation.up
+    if torch.equal((upright(up) @ turn.matrix).round(), torch.eye(3, dtype=torch.float64)):
+        others = [each for each in lit.findings if each.kind != "up-axis"]
+        told = "; ".join([value, *(f"light {each.value}" for each in lit.findings if each.kind == "up-axis")])
+        remedy = f"turn the cameras so that their {up} becomes +Y: {turning(up)}"
+        return [Finding("up-axis", "photographs' cameras against mesh and environment", told, remedy), *others]
+    remedy = f"turn the mesh so that its {turn.up} becomes +Y" if turn.up != "+Y" else "turn the mesh"
+    remedy += f", then by {turn.turn}° about +Y" if turn.turn else ""
+    return [Finding("up-axis", "geometry.mesh against photographs' cameras", value, remedy), *lit.findings]

@@ -143,7 +143,7 @@ def mesh_turn(sightings: Sequence[Sighting], trace: Tracer) -> MeshTurn | None:
         return fmean(each.overlap or 0.0 if outlined else edge_rank(each) for each in found)
 
     before = likeness(looked_at)
-    if outlined and before >= OVERLAPS:
+    if before >= (OVERLAPS if outlined else 1 - CLEARER):  # nothing can be that much better
         return None
     best: MeshTurn | None = None
     for up in UPS:

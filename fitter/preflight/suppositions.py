@@ -8,13 +8,13 @@ from typing import Literal
 
 import torch
 from jaxtyping import Bool, Float
-from kornia.color import linear_rgb_to_rgb, rgb_to_linear_rgb
 from torch import Tensor
 
 from fitter.preflight.coarse_fit import Explanation, Seen, explain
 from fitter.preflight.looks import Looks
 from fitter.preflight.orientation import GIVEN, Orientation
 from fitter.preflight.pictures import Light, Pictures
+from shaders.tone_mapping import srgb
 
 Gains = Literal["as said", "each", "all"]
 BATCH = 8  # orientations integrated at a time, which bounds the memory
@@ -140,9 +140,11 @@ def _same(pixels: Tensor) -> Tensor:
     return pixels
 
 
-def _encoded(pixels: Float[Tensor, "*q 3 p"]) -> Float[Tensor, "*q 3 p"]:
-    return linear_rgb_to_rgb(pixels.clamp_min(0)[..., None])[..., 0]
+def _encoded(pixels: Float[Tensor, "*q"]) -> Float[Tensor, "*q"]:
+    return srgb(pixels.clamp_min(0))
 
 
-def _decoded(pixels: Float[Tensor, "*q 3 p"]) -> Float[Tensor, "*q 3 p"]:
-    return rgb_to_linear_rgb(pixels.clamp_min(0)[..., None])[..., 0]
+def _decoded(pixels: Float[Tensor, "*q"]) -> Float[Tensor, "*q"]:
+    """The inverse of `srgb`; to import kornia's takes as long as all of the preflight."""
+    pixels = pixels.clamp_min(0)
+    return torch.where(pixels <= 0.04045, pixels / 12.92, ((pixels + 0.055) / 1.055) ** 2.4)
