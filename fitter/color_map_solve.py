@@ -21,11 +21,11 @@ Sparse = Any  # a csr_matrix, of which scipy's own annotations do not know that 
 
 ROUNDS = 4  # of weights by what the last one left
 ROBUST_AT = 6.0  # standard deviations of the noise, whose skew a nearer threshold would take for darkness
-FIRST_SCATTER = 0.02  # of pixels, relative, before anything is known
+FIRST_SCATTER, FIRST_STEP = 0.02, 0.1  # of pixels and between texels; what is smoothed first has no edges to be found
 LEAST_SCATTER = 1e-4  # of float32's rounding and of the light's
 OUTLIER = 10.0  # standard deviations beyond which a pixel says no more of the scatter about it
 AROUND = 2.0  # texels, standard deviation of what the scatter about one is a mean over
-STEP = 0.02  # mean size of the steps between neighbouring texels: flat with edges, as most things are
+STEP = 0.03  # mean size of the steps between neighbouring texels: flat with edges, as most things are
 LEAST_STEP = 0.003  # linear, below which steps are not seen
 ITERATIONS = 200
 WITHIN = 1e-5
@@ -145,7 +145,7 @@ def _rounds(
     weight = _weight(mirrored + body * mean)
     equations = _Equations(mixing, mixing.T.tocsr(), steps)
     scatter: Float[np.ndarray, "p 1"] = np.full((len(body), 1), FIRST_SCATTER)
-    trust, stiffness = np.ones_like(scatter), np.full(steps.shape[0], 1 / STEP**2)
+    trust, stiffness = np.ones_like(scatter), np.full(steps.shape[0], 1 / FIRST_STEP**2)
     for _ in range(ROUNDS):
         certainty = weight * trust / scatter
         for channel in range(3):
