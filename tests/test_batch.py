@@ -27,7 +27,7 @@ from renderer.synth import SynthOptions, synthesise
 from renderer.truth import TrueMatte
 
 COMMAND = [sys.executable, "-m", "fitter.cli", "batch"]
-QUICK = ("--fidelity", "preview", "--pixels", "300", "--samples", "64", "--solver", "lbfgs")  # which loads no JAX
+QUICK = ("--fidelity", "preview", "--pixels", "300", "--samples", "64")
 FILES = {"result.json", "report.html", "comparison.png", "sphere.mtl", "sphere.thesis.mtl"}  # what `fit` writes
 GOOD = tuple(f"clay-{index}" for index in range(7))
 
