@@ -37,7 +37,7 @@ def usual_workers(scenes: int, each: int) -> int:
 @contextmanager
 def local_crew(workers: int) -> Iterator[Client]:
     """So many processes of this machine, begun once; those that die are begun anew."""
-    import dask
+    import dask.config
     from distributed import Client, LocalCluster
 
     _quiet()
@@ -48,7 +48,7 @@ def local_crew(workers: int) -> Iterator[Client]:
             threads_per_worker=1,
             processes=True,
             memory_limit=0,  # as `fit`: the system's own
-            dashboard_address=None,
+            dashboard_address=None,  # type: ignore[arg-type] — none, says its documentation
             silence_logs=logging.CRITICAL,
             local_directory=folder,
             preload=["fitter.batch_worker"],
@@ -92,7 +92,7 @@ def fits(client: Client, tasks: Sequence[Task]) -> Iterator[Ended]:
     """
     ended: queue.SimpleQueue[Future] = queue.SimpleQueue()
     waiting = deque(tasks)
-    running: dict[str, tuple[Future, Task]] = {}
+    running: dict[object, tuple[Future, Task]] = {}
     told = False
     try:
         while waiting or running:
@@ -116,7 +116,7 @@ def fits(client: Client, tasks: Sequence[Task]) -> Iterator[Ended]:
 def _workers(client: Client) -> int:
     """How many there are now."""
     try:
-        return len(client.nthreads())
+        return len(client.nthreads())  # type: ignore[arg-type] — a coroutine only of asynchronous clients
     except Exception as error:  # each way to lose it has its own
         raise Lost(f"the Dask scheduler is gone ({' '.join(str(error).split()) or type(error).__name__})") from error
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 from collections.abc import Iterator, Sequence
+from typing import Any
 
 from rich.console import Console
 from rich.table import Table
@@ -91,12 +92,10 @@ def lines(material: FittedMaterial, key: str) -> list[str]:
 
 def _numbers(material: FittedMaterial, key: str) -> Iterator[tuple[float, float | None, bool]]:
     """Value, standard error, and whether the photographs determine it, of each channel; nothing where it has none."""
-    values, *more = (getattr(part, key) for part in (material, material.stderr, material.determined))
-    if values is None:
+    parts: list[Any] = [getattr(part, key) for part in (material, material.stderr, material.determined)]
+    if parts[0] is None:
         return
-    triple = isinstance(values, tuple)
-    errors, known = (part if part is not None else (None,) * 3 if triple else None for part in more)
-    if triple:
-        yield from zip(values, errors, (each is not False for each in known), strict=True)
-    else:
-        yield values, errors, known is not False
+    count = 3 if isinstance(parts[0], tuple) else 1
+    each = (part if isinstance(part, tuple) else (part,) * count for part in parts)
+    for value, error, known in zip(*each, strict=True):
+        yield value, error, known is not False

@@ -9,6 +9,7 @@ import threading
 import time
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from importlib import import_module
 from pathlib import Path
 from typing import Any, Literal
 
@@ -114,8 +115,4 @@ def dask_setup(worker: Any) -> None:
     """Called by Dask in a process that this machine's batch begins: Ctrl-C is for the batch to hear; imports, early."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     with suppress(Exception):  # the first fit meets it again, and tells it
-        from fitter import pipeline
-        from fitter.solve import compiling
-
-        assert pipeline
-        compiling()
+        import_module("fitter.pipeline")
