@@ -7,6 +7,7 @@ import re
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 import torch
 
@@ -53,16 +54,18 @@ def test_cameras_come_back_to_where_they_stood(gold_scene, tmp_path, monkeypatch
         degrees, share = left(Pose.of(camera, read_shape(read_scene(gold_scene).geometry)), true.given)
         before, _ = left(was, true.given)
         assert degrees < before / 2  # by outlines alone the turn about the line of sight stays, four fifths of it
-        assert degrees < 4 * found.stderr_degrees + 0.05  # the noise of two hundred paths makes errors of errors
-        assert 100 * share < 4 * found.stderr_percent + 0.05
+        assert (
+            degrees < 6 * found.stderr_degrees
+        )  # stated by two hundred pixels of few paths: they fall short themselves
+        assert 100 * share < 6 * found.stderr_percent
         assert found.degrees == pytest.approx(before, abs=degrees + 1e-6)  # how far it went: by the triangle
     assert "Cameras were moved, by up to" in result.message
     assert "camera turned by" in (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
     given = tmp_path / "given.toml"
-    text = re.sub(r"\[photographs.camera\]\n(.+\n)+", "", wrong.read_text(encoding="utf-8"))
+    text = re.sub(r"\[photographs\.camera\]\nfov.*\nmatrix.*\n", "", wrong.read_text(encoding="utf-8"))
     given.write_text('cameras = "out/sphere.transforms.json"\n' + text, encoding="utf-8")
     for spec, found in zip(read_scene(given).photographs, result.cameras, strict=True):
-        assert spec.camera.matrix == found.matrix
+        np.testing.assert_allclose(np.array(spec.camera.matrix), np.array(found.matrix), rtol=0, atol=1e-12)
         assert spec.camera.fov == pytest.approx(read_scene(wrong).photographs[0].camera.fov)
 
 
