@@ -199,7 +199,7 @@ def test_cameras_that_are_z_up_are_told_once():
 
 @pytest.mark.parametrize("drawn", [True, False], ids=["by its mask", "by the picture's edges"])
 def test_a_silhouette_that_is_displaced_is_told(drawn):
-    right, wide = brick(torch.eye(3).double()), brick(1.15 * torch.eye(3).double())
+    right, wide = brick(torch.eye(3).double()), brick(1.3 * torch.eye(3).double())
     found = silhouette_findings(sighted(wide, right, drawn), ["a", "b"])
     assert [each.kind for each in found] == ["silhouette", "silhouette"]
     assert not silhouette_findings(sighted(right, right, drawn), ["a", "b"])
