@@ -26,7 +26,9 @@ from renderer.camera import Camera, look_at
 from renderer.environment import Environment
 from renderer.latlong import lookup, of
 from renderer.mesh import Mesh, Sphere
+from renderer.scene import light_option
 from renderer.studio import studio
+from renderer.surroundings import directional_light
 
 ROTATION = 30.0
 STUDIO = Environment(studio(64).radiance, ROTATION)
@@ -85,6 +87,19 @@ def test_pictures_of_an_orientation_are_those_in_a_map_that_was_really_changed(m
     torch.testing.assert_close(turned.diffuse, really.diffuse, rtol=0.02, atol=0.01)
     ratio = turned.white[0, -1] / really.white[0, -1]
     assert float((ratio - 1).abs().median()) < 0.03
+
+
+def test_a_directional_light_adds_lamberts_cosine():
+    spec = light_option((0.3, 0.8, 0.5, 3.0, 2.0, 1.0))
+    surface = gbuffer.pixel_centres(gbuffer.tracer(Sphere()), camera()).reshape(-1)
+    surface = surface[surface.front][::20][:, None]
+    looks = Looks(surface, torch.ones(3, len(surface.hit)), surface.material[:, 0], torch.ones(len(surface.hit)))
+    lit, dark = (Light.of(STUDIO, lights).pictures(looks, [GIVEN]) for lights in ((directional_light(spec),), ()))
+    towards = torch.nn.functional.normalize(vector(*spec.direction), dim=0)
+    cosine = (surface.normal[:, 0] @ towards).clamp_min(0)
+    expected = vector(*spec.irradiance)[:, None] / math.pi * cosine
+    torch.testing.assert_close((lit.diffuse - dark.diffuse)[0].double(), expected, rtol=1e-4, atol=1e-5)
+    assert bool((lit.white >= dark.white).all())
 
 
 def test_decoding_is_kornias():
