@@ -173,7 +173,7 @@ def brick(turn: torch.Tensor) -> Mesh:
 
     box = trimesh.creation.box((2.0, 1.0, 0.5))
     faces = np.asarray(box.faces)
-    return Mesh(box.vertices @ turn.numpy().T, faces, None, None, np.zeros(len(faces), dtype=np.int64))
+    return Mesh(np.asarray(box.vertices) @ turn.numpy().T, faces, None, None, np.zeros(len(faces), dtype=np.int64))
 
 
 def sighted(mesh: Mesh, seen: Mesh, drawn: bool) -> list[Sighting]:
