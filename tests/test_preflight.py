@@ -26,7 +26,9 @@ from renderer.camera import Camera, look_at
 from renderer.environment import Environment
 from renderer.latlong import lookup, of
 from renderer.mesh import Mesh, Sphere
+from renderer.scene import light_option
 from renderer.studio import studio
+from renderer.surroundings import directional_light
 
 ROTATION = 30.0
 STUDIO = Environment(studio(64).radiance, ROTATION)
@@ -85,6 +87,19 @@ def test_pictures_of_an_orientation_are_those_in_a_map_that_was_really_changed(m
     torch.testing.assert_close(turned.diffuse, really.diffuse, rtol=0.02, atol=0.01)
     ratio = turned.white[0, -1] / really.white[0, -1]
     assert float((ratio - 1).abs().median()) < 0.03
+
+
+def test_a_directional_light_adds_lamberts_cosine():
+    spec = light_option((0.3, 0.8, 0.5, 3.0, 2.0, 1.0))
+    surface = gbuffer.pixel_centres(gbuffer.tracer(Sphere()), camera()).reshape(-1)
+    surface = surface[surface.front][::20][:, None]
+    looks = Looks(surface, torch.ones(3, len(surface.hit)), surface.material[:, 0], torch.ones(len(surface.hit)))
+    lit, dark = (Light.of(STUDIO, lights).pictures(looks, [GIVEN]) for lights in ((directional_light(spec),), ()))
+    towards = torch.nn.functional.normalize(vector(*spec.direction), dim=0)
+    cosine = (surface.normal[:, 0] @ towards).clamp_min(0)
+    expected = vector(*spec.irradiance)[:, None] / math.pi * cosine
+    torch.testing.assert_close((lit.diffuse - dark.diffuse)[0].double(), expected, rtol=1e-4, atol=1e-5)
+    assert bool((lit.white >= dark.white).all())
 
 
 def test_decoding_is_kornias():
@@ -158,7 +173,7 @@ def brick(turn: torch.Tensor) -> Mesh:
 
     box = trimesh.creation.box((2.0, 1.0, 0.5))
     faces = np.asarray(box.faces)
-    return Mesh(box.vertices @ turn.numpy().T, faces, None, None, np.zeros(len(faces), dtype=np.int64))
+    return Mesh(np.asarray(box.vertices) @ turn.numpy().T, faces, None, None, np.zeros(len(faces), dtype=np.int64))
 
 
 def sighted(mesh: Mesh, seen: Mesh, drawn: bool) -> list[Sighting]:
@@ -199,7 +214,7 @@ def test_cameras_that_are_z_up_are_told_once():
 
 @pytest.mark.parametrize("drawn", [True, False], ids=["by its mask", "by the picture's edges"])
 def test_a_silhouette_that_is_displaced_is_told(drawn):
-    right, wide = brick(torch.eye(3).double()), brick(1.15 * torch.eye(3).double())
+    right, wide = brick(torch.eye(3).double()), brick(1.3 * torch.eye(3).double())
     found = silhouette_findings(sighted(wide, right, drawn), ["a", "b"])
     assert [each.kind for each in found] == ["silhouette", "silhouette"]
     assert not silhouette_findings(sighted(right, right, drawn), ["a", "b"])
