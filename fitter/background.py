@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import torch
 from jaxtyping import Bool, Float, Int
@@ -29,6 +29,8 @@ ALIKE = 0.3  # of the scatter of the map's own tiles that may be left where a ph
 EVEN = 0.1  # … or this much of a logarithm, where the map is even
 NOT_OUTLIERS = 0.75  # share of tiles whose scatter counts: half of them may see nothing but the same lawn
 SHARE_TO_SIGMA = 1 / 1.1503  # of a normal distribution: 1/Φ⁻¹(⅞)
+TRIED_TURNS = tuple(each / 2 for each in range(-12, 13))  # degrees
+UNTOLD = 1.0  # scatter in the place of that of surroundings unlike the map's
 LEAST_ERROR = 0.005  # of a logarithm: maps and lenses' corners are not better known
 
 
@@ -39,27 +41,36 @@ class Behind:
     Attributes:
         ratio: logarithm of photograph over environment, per channel.
         error: its standard deviation.
+        scatter: of that logarithm over tiles.
     """
 
     ratio: Float[Tensor, "3"]
     error: Float[Tensor, "3"]
+    scatter: Float[Tensor, "3"]
 
 
 def nuisances_of(loaded: Loaded, trace: Tracer) -> Nuisances | None:
     """What the scene file asks to be fitted beside the material, with what is seen behind the object of it.
 
-    None where nothing is asked for; then no photograph is looked at.
+    None where nothing is asked for; then no photograph is looked at. Where the environment's rotation is unknown, too,
+    the map is turned to where it is most like what is seen, to half a degree.
     """
     unknowns = unknowns_of(loaded.scene)
     if not unknowns:
         return None
-    specs, light = loaded.scene.photographs, latlong.of(loaded.environment)
+    specs, environment = loaded.scene.photographs, loaded.environment
+    patches = [None if i in loaded.repeated else _patch(spec, trace) for i, spec in enumerate(specs)]
+    before = Nuisances.before(unknowns, len(specs))
+    tried = []
+    for degrees in (0.0,) if before.turn is None else TRIED_TURNS:
+        light = latlong.of(replace(environment, rotation=environment.rotation + degrees))
+        tried.append([None if patch is None else patch.against(light) for patch in patches])
+    found = min(tried, key=lambda told: sum(UNTOLD if each is None else float(each.scatter.mean()) for each in told))
     ratio, error = torch.zeros(len(specs), 3).double(), torch.full((len(specs), 3), math.inf).double()
-    for index, spec in enumerate(specs):
-        found = None if index in loaded.repeated else seen_behind(spec, trace, light)
-        if found is not None:
-            ratio[index], error[index] = found.ratio, found.error
-    return Nuisances.before(unknowns, len(specs)).learning(ratio, error)
+    for index, each in enumerate(found):
+        if each is not None:
+            ratio[index], error[index] = each.ratio, each.error
+    return before.learning(ratio, error)
 
 
 def seen_behind(spec: PhotographSpec, trace: Tracer, light: LatLong) -> Behind | None:
@@ -68,6 +79,41 @@ def seen_behind(spec: PhotographSpec, trace: Tracer, light: LatLong) -> Behind |
     The median over tiles of the median of log pixel/radiance in each: outliers, such as a stand, count by their number
     alone. A picture that is cut out, or whose background varies otherwise than the map, tells nothing.
     """
+    patch = _patch(spec, trace)
+    return None if patch is None else patch.against(light)
+
+
+@dataclass(frozen=True)
+class _Patch:
+    """Pixels beside the object.
+
+    Attributes:
+        shown: what they show.
+        directions: of 3 × 3 rays in each.
+        tile: a number for each, the same within a tile.
+    """
+
+    shown: Float[Tensor, "p 3"]
+    directions: Float[Tensor, "p 3 3 3"]
+    tile: Int[Tensor, " p"]
+
+    def against(self, light: LatLong) -> Behind | None:
+        """Over what the environment has there."""
+        expected = latlong.lookup(light, *self.directions.unbind(-1)).double().mean((1, 2))
+        lit = (self.shown > 0).all(-1) & (expected > 0).all(-1)
+        logs = torch.stack([self.shown[lit].log() - expected[lit].log(), expected[lit].log()], 1)
+        tiles = _tile_medians(logs, self.tile[lit])
+        if len(tiles) < FEWEST_TILES:
+            return None
+        middle = tiles.median(0).values
+        left, own = SHARE_TO_SIGMA * (tiles - middle).abs().quantile(NOT_OUTLIERS, 0)
+        if (left > torch.maximum(ALIKE * own, torch.tensor(EVEN).to(own))).any():
+            return None
+        return Behind(middle[0], (math.sqrt(math.pi / 2 / len(tiles)) * left).clamp_min(LEAST_ERROR), left)
+
+
+def _patch(spec: PhotographSpec, trace: Tracer) -> _Patch | None:
+    """None where nothing is lit beside the object."""
     seen = expose(spec)
     height, width = seen.clipped.shape
     camera = camera_of(spec.camera, width, height)
@@ -76,18 +122,8 @@ def seen_behind(spec: PhotographSpec, trace: Tracer, light: LatLong) -> Behind |
     shown = seen.radiance[pixels[:, 0], pixels[:, 1]].double()
     if len(pixels) < TILE_PIXELS or float((shown > 0).all(-1).double().mean()) < POSITIVE:
         return None
-    expected = _radiance(pixels, camera, light)
-    lit = (shown > 0).all(-1) & (expected > 0).all(-1)
-    logs = torch.stack([shown[lit].log() - expected[lit].log(), expected[lit].log()], 1)
     side = max(-(-max(height, width) // TILES), SMALLEST_TILE * _step(seen.clipped.shape))
-    tiles = _tile_medians(logs, (pixels[lit] // side) @ torch.tensor([TILES + 1, 1]))
-    if len(tiles) < FEWEST_TILES:
-        return None
-    middle = tiles.median(0).values
-    left, own = SHARE_TO_SIGMA * (tiles - middle).abs().quantile(NOT_OUTLIERS, 0)
-    if (left > torch.maximum(ALIKE * own, torch.tensor(EVEN).to(own))).any():
-        return None
-    return Behind(middle[0], (math.sqrt(math.pi / 2 / len(tiles)) * left).clamp_min(LEAST_ERROR))
+    return _Patch(shown, _directions(pixels, camera), (pixels // side) @ torch.tensor([TILES + 1, 1]))
 
 
 def _step(size: Sequence[int]) -> int:
@@ -113,12 +149,11 @@ def _clear(pixels: Int[Tensor, "p 2"], camera: Camera, trace: Tracer) -> Bool[Te
     return clear
 
 
-def _radiance(pixels: Int[Tensor, "p 2"], camera: Camera, light: LatLong) -> Float[Tensor, "p 3"]:
-    """The environment's in each pixel, a mean over 3 × 3 rays."""
+def _directions(pixels: Int[Tensor, "p 2"], camera: Camera) -> Float[Tensor, "p 3 3 3"]:
+    """Of 3 × 3 rays in each pixel."""
     offsets = torch.tensor([1 / 6, 1 / 2, 5 / 6], dtype=torch.float64)
     y, x = (pixels.double()[:, axis, None, None] for axis in (0, 1))
-    _, directions = camera.rays(x + offsets[:, None] + 0 * offsets, y + 0 * offsets[:, None] + offsets)
-    return latlong.lookup(light, *directions.unbind(-1)).double().mean((1, 2))
+    return camera.rays(x + offsets[:, None] + 0 * offsets, y + 0 * offsets[:, None] + offsets)[1]
 
 
 def _tile_medians(values: Float[Tensor, "p 2 3"], tile: Int[Tensor, " p"]) -> Float[Tensor, "t 2 3"]:

@@ -18,7 +18,7 @@ from fitter.residuals import ROBUST_AT, Residuals
 from fitter.search import Fit
 
 BINS = 12  # of brightness, each with as many pixels: noise goes with it
-TOLD = 0.01  # share of a photograph's pixels from which its outliers are worth a sentence
+TOLD = 0.005  # share of a photograph's pixels from which its outliers are worth a sentence
 
 
 @dataclass(frozen=True)
