@@ -101,6 +101,7 @@ def chosen(
         tolerance=tolerance,
         refine_pose=refine_pose,
         check=not no_check,
+        maps=tuple(dict.fromkeys(each.value for each in maps or ())),
         wanted=tuple(with_ or ()),
         unwanted=tuple(without or ()),
     )
@@ -140,16 +141,14 @@ def _require_free(tolerance: float | None, numbers: dict[str, int | None]) -> No
 
 def _fit(scene: Path, out: Path, options: FitOptions, quiet: bool, begun: float) -> int:
     warnings: list[str] = []
-    try:
-        with progress_bar(quiet) as progress:
-            progress("starting", 0)
-            from fitter.pipeline import fit_scene
+    with progress_bar(quiet) as progress:
+        progress("starting", 0)
+        from fitter.pipeline import fit_scene
 
-            command = shlex.join(["fit-material", *sys.argv[1:]])
-            result = fit_scene(scene, out, replace(options, command=command), progress, begun, warnings.append)
-    finally:  # where the fit fails, they may say why
-        for sentence in warnings:
-            print(f"fit-material: {sentence}", file=sys.stderr)
+        command = shlex.join(["fit-material", *sys.argv[1:]])
+        result = fit_scene(scene, out, replace(options, command=command), progress, begun, warnings.append)
+    for sentence in warnings:
+        print(f"fit-material: {sentence}", file=sys.stderr)
     _print_result(result, out)
     return DONE if result.status == "converged" else NO_MATERIAL
 

@@ -46,7 +46,7 @@ def command_line(clay: Path, folder: Path) -> list[str]:
     for name in (*GOOD, "wrong"):
         shutil.copytree(clay.parent, folder / name)
     wrong = folder / "wrong" / "scene.toml"
-    wrong.write_text(wrong.read_text().replace("exposure = 1.0", 'exposure = "fit"'))
+    wrong.write_text(wrong.read_text().replace("exposure = 1.0", "exposure = -1.0"))
     (folder / "list.txt").write_text("# balls\nclay-*/scene.toml --type matte\nwrong\n")
     return [*COMMAND, str(folder / "list.txt"), "-o", str(folder / "out"), "--workers", "3", *QUICK]
 
@@ -116,7 +116,7 @@ def chosen_by(*words: str) -> FitOptions:
 def test_a_wrong_scene_is_told_and_the_rest_goes_on(story):
     assert (story["code"], story["errors"]) == (1, "")
     scene = story["folder"] / "wrong" / "scene.toml"
-    expected = f'{scene}: photographs[0].exposure: is "fit", expected a number: exposures are not fitted so far'
+    expected = f'{scene}: photographs[0].exposure: is -1.0, expected a number from 1e-12 to 1e+12, or "fit", or "exif", or a list beside images'
     assert f"wrong: wrong input: {expected}" in story["told"].splitlines()
     wrong = json.loads((story["out"] / "summary.json").read_text())["scenes"][-1]
     assert (wrong["name"], wrong["status"], wrong["message"]) == ("wrong", "wrong_input", expected)

@@ -138,7 +138,9 @@ def test_the_report_loads_nothing(done):
     html = (done[1] / "report.html").read_text("utf-8")
     References().feed(html)
     assert not re.search(r"https?://|@import|url\((?!#)", html)
-    assert html.count("data:image/png;base64,") == 18  # photograph, fit, difference of two views; strips of 4 effects
+    assert (
+        html.count("data:image/png;base64,") == 24
+    )  # of two views fit and outliers, of four effects strips; three each
 
 
 def test_export_writes_the_same_material_files(done, tmp_path):

@@ -103,10 +103,10 @@ def test_sigterm_ends_the_fit_and_sweeps_its_folder(scene, tmp_path):
 
 def test_wrong_input_of_a_fit_is_told_in_its_own_words(scene, tmp_path):
     spoilt = scene.with_name("spoilt.toml")
-    spoilt.write_text(scene.read_text().replace("exposure = 1.0", 'exposure = "fit"'))
+    spoilt.write_text(scene.read_text().replace("exposure = 1.0", "exposure = -1.0"))
     done = run(spoilt, "-o", tmp_path, *RUNGS)
     assert done.returncode == 2
-    expected = 'photographs[0].exposure: is "fit", expected a number: exposures are not fitted so far'
+    expected = 'photographs[0].exposure: is -1.0, expected a number from 1e-12 to 1e+12, or "fit", or "exif", or a list beside images'
     assert done.stderr == f"fit-material: {spoilt}: {expected}\n"
 
 
