@@ -85,7 +85,7 @@ def solve(rows: Sequence[Rows], size: int, mean: Float[np.ndarray, "3"]) -> Solu
     covered = [_coverage(each, weight, size) for each, weight in zip(rows, weights, strict=True)]
     photographs = np.sum([each >= SEES for each in covered], axis=0)
     solved = np.sum(covered, axis=0) >= TOUCHED
-    mixing = sparse.vstack(weights, format="csr")
+    mixing: Sparse = sparse.csr_matrix(sparse.vstack(weights))
     columns = np.flatnonzero(solved)
     mixing = mixing[:, columns]
     known = np.asarray(mixing.sum(1)).ravel() > 1 - 1e-6  # all of its texels are solved

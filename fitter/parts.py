@@ -210,8 +210,9 @@ def _part(index: int, name: str, observed: Observations, choice: Choice, setting
     rho = None
     if not setting.fidelity.blurs and fit.material.type != "matte":
         model = fit.residuals.model
-        spotted = isinstance(model, SpottedPixels) and isinstance(fit.material, Glossy)
-        tint = model.tint(fit.material) if spotted else None
+        tint = None
+        if isinstance(model, SpottedPixels) and isinstance(fit.material, Glossy):
+            tint = model.tint(fit.material)
         rho = viewer_roughness(observed, setting.viewers, fit.material, tint)
     borrowed = borrow(fit, uncertainty, prior)
     material = fitted_material(name, fit, uncertainty, rho, nearest, borrowed)
