@@ -19,17 +19,17 @@ from renderer.textures import texel_weights
 
 Sparse = Any  # a csr_matrix, of which scipy's own annotations do not know that it has products and columns
 
-ROUNDS = 4  # of weights by what the last one left
+ROUNDS = 6  # of weights by what the last one left
 ROBUST_AT = 6.0  # standard deviations of the noise, whose skew a nearer threshold would take for darkness
 FIRST_SCATTER, FIRST_STEP = 0.02, 0.1  # of pixels and between texels; what is smoothed first has no edges to be found
 LEAST_SCATTER = 1e-4  # of float32's rounding and of the light's
-OUTLIER = 10.0  # standard deviations beyond which a pixel says no more of the scatter about it
+OUTLIER = 5.0  # standard deviations beyond which a pixel says no more of the scatter about it
 AROUND = 2.0  # texels, standard deviation of what the scatter about one is a mean over
 STEP = 0.03  # mean size of the steps between neighbouring texels: flat with edges, as most things are
 LEAST_STEP = 0.003  # linear, below which steps are not seen
 ITERATIONS = 200
 WITHIN = 1e-5
-SEES = 0.5  # of a texel's area, from which a photograph counts as seeing it
+SEES = 0.75  # of a texel's area, from which a photograph counts as seeing it
 COARSEST = 4.0  # texels that a pixel may cover to see any
 TOUCHED = 0.05  # of a texel's area in all photographs, from which its colour is solved for
 
@@ -85,7 +85,7 @@ def solve(rows: Sequence[Rows], size: int, mean: Float[np.ndarray, "3"]) -> Solu
     covered = [_coverage(each, weight, size) for each, weight in zip(rows, weights, strict=True)]
     photographs = np.sum([each >= SEES for each in covered], axis=0)
     solved = np.sum(covered, axis=0) >= TOUCHED
-    mixing = sparse.vstack(weights, format="csr")
+    mixing: Sparse = sparse.csr_matrix(sparse.vstack(weights))
     columns = np.flatnonzero(solved)
     mixing = mixing[:, columns]
     known = np.asarray(mixing.sum(1)).ravel() > 1 - 1e-6  # all of its texels are solved
