@@ -6,6 +6,7 @@ that are turned or mirrored back: one integration serves every orientation, and 
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
@@ -94,7 +95,8 @@ class Light:
         )
         light = table.mean(torch.float32)
         schlick = reflectance_basis.coefficients(lambda cos: (1 - cos) ** 5, DEGREE, light)[:, 0]
-        alphas = torch.logspace(*(torch.tensor(end).log10().item() for end in ALPHAS[:2]), TRIED).double()
+        narrowest, widest, _ = ALPHAS
+        alphas = torch.logspace(math.log10(narrowest), math.log10(widest), TRIED).double()
         weights = torch.stack([table.level_weights(alpha) for alpha in alphas]).float()
         found = []
         for values in (light[:, :, 0], torch.einsum("apbc,b->apc", light, schlick)):
