@@ -78,7 +78,7 @@ def found_beside(fits: Sequence[tuple[Fit, Spread]], names: Sequence[str]) -> Be
         return None
     unknowns = gains.nuisances.unknowns
     chosen = [min(fits, key=lambda each: _error(*each, index)) for index in range(len(unknowns))]
-    z = torch.stack([_beside(fit, fit.x)[index] for index, (fit, _) in enumerate(chosen)])
+    z = torch.stack([fit.residuals.beside(fit.x)[index] for index, (fit, _) in enumerate(chosen)])
     records = [_record(*each, index, names) for index, each in enumerate(chosen)]
     return Beside(gains.nuisances, z, tuple(records))
 
@@ -94,10 +94,6 @@ def guessed(fit: Fit, spread: Spread) -> tuple[str, ...]:
     return tuple(dict.fromkeys(WORDS[each.name] for each in found if not each.determined))
 
 
-def _beside(fit: Fit, x: Float[Tensor, " x"]) -> Float[Tensor, " z"]:
-    return x[fit.residuals.coordinates.size :]
-
-
 def _error(fit: Fit, spread: Spread, index: int) -> float:
     """Standard deviation of one logarithm."""
     place = fit.residuals.coordinates.size + index
@@ -110,7 +106,7 @@ def _record(fit: Fit, spread: Spread, index: int, names: Sequence[str]) -> Nuisa
     nuisances, unknown = gains.nuisances, gains.nuisances.unknowns[index]
 
     def quantity(x: Tensor) -> Tensor:
-        return unknown.value(_beside(fit, x)[index : index + 1])
+        return unknown.value(fit.residuals.beside(x)[index : index + 1])
 
     low, high = (float(end) for end in intervals(fit, spread, quantity))
     value = float(quantity(fit.x))

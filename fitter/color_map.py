@@ -143,7 +143,7 @@ def _file_name(text: str) -> str:
     return re.sub(r"[^\w.-]+", "_", text, flags=re.ASCII).strip("_.") or "material"
 
 
-def shown(found: ColorMap) -> tuple[Rgba, Rgba]:
+def map_pictures(found: ColorMap) -> tuple[Rgba, Rgba]:
     """The map, and how many photographs see each texel, for people: at most `LONGEST_SIDE` texels along a side."""
     step = -(-max(found.photographs.shape) // LONGEST_SIDE)
     color, seen = codes(found.color[::step, ::step]), found.photographs[::step, ::step]

@@ -20,6 +20,7 @@ from fitter.pixel_model import ExactPixels
 from fitter.setting import Setting
 from fitter.textured_pixels import surface_and_body
 from renderer import gbuffer
+from renderer.environment import Environment
 from renderer.gbuffer import GBuffer, Tracer
 from shaders.materials import Glossy, Material, Matte
 
@@ -90,7 +91,7 @@ def _occluded(
     return OccludedBody.of(gbuffer.concatenate(places), setting.occluder, _near(setting))
 
 
-def _near(setting: Setting):
+def _near(setting: Setting) -> Environment:
     return replace(setting.environment, radiance=setting.environment.radiance.cpu())
 
 

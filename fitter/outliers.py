@@ -80,7 +80,7 @@ def judged(fit: Fit) -> tuple[Float[Tensor, " p"], Float[Tensor, " p"]]:
     return residuals.difference(x).mean(-1) / usual, weight
 
 
-def told(maps: Sequence[OutlierMap]) -> list[str]:
+def outlier_sentences(maps: Sequence[OutlierMap]) -> list[str]:
     """A sentence where many pixels of a photograph are outliers."""
     many = [each for each in maps if each.outliers > TOLD]
     if not many:

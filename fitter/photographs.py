@@ -55,6 +55,11 @@ class Photograph:
     outline: Bool[Tensor, "h w"] | None = None
 
 
+def known_exposure(exposure: float | Literal["fit"]) -> float:
+    """Pixel over what a photograph's radiance was read as; 1 where the exposure is left to the fit."""
+    return 1.0 if exposure == "fit" else exposure
+
+
 def read_photograph(spec: PhotographSpec, scene_file: str | Path, index: int = 0) -> Photograph:
     """Read the image and mask of one photograph.
 

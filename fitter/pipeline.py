@@ -11,7 +11,7 @@ import torch
 
 from fitter import quality
 from fitter.beside import Beside, found_beside
-from fitter.color_map import require_mappable, shown, with_color_map, with_written_maps
+from fitter.color_map import map_pictures, require_mappable, with_color_map, with_written_maps
 from fitter.consistent import require_consistent
 from fitter.curves import Curve, reflectance_curve
 from fitter.devices import torch_device
@@ -21,8 +21,9 @@ from fitter.fit_options import FitOptions
 from fitter.loading import Loaded, load
 from fitter.mtl import ordinary_mtl, thesis_mtl
 from fitter.nuisances import require_known
-from fitter.outliers import OutlierMap, outlier_maps, told
+from fitter.outliers import OutlierMap, outlier_maps, outlier_sentences
 from fitter.parts import FittedPart, painted
+from fitter.photographs import known_exposure
 from fitter.planned_fit import PlannedFit, fit_planned
 from fitter.polish import require_polishable
 from fitter.pose_file import transforms_json
@@ -78,8 +79,9 @@ def fit_scene(
     progress("reading", 0)
     loaded = load(scene_file)
     require_mappable(loaded.shape, loaded.scene.geometry.mesh, options.maps)
-    for option in [*(["--maps"] if options.maps else []), *(["--refine-pose"] if options.refine_pose else [])]:
-        require_known(loaded.scene, scene_file, f"beside {option}: those that a fit without it has found")
+    for option, is_asked in (("--maps", options.maps), ("--refine-pose", options.refine_pose)):
+        if is_asked:
+            require_known(loaded.scene, scene_file, f"beside {option}: those that a fit without it has found")
     read = time.perf_counter()
     if options.solver == "lm":
         compiling().add_done_callback(_load_plotting)
@@ -97,12 +99,15 @@ def fit_scene(
         solving = sum(part.choice.fit.solve_seconds for part in parts)
         clock = _Clock(began, read, time.perf_counter(), loaded.photographs.seconds, solving)
         progress("writing the report", 0)
-        views = _views(loaded, trace, parts)
+        beside = found_beside(
+            [(part.choice.fit, part.spread) for part in parts], [each.name for each in loaded.photographs.thumbnails]
+        )
+        views = _views(loaded, trace, parts, beside)
         outliers = outlier_maps(parts, loaded.photographs.thumbnails, views)
-        result = _result(loaded, planned, views, outliers, clock, refined, warnings)
+        result = _result(_Found(loaded, planned, beside, refined, views, outliers, warnings), clock)
         alone = strips(planned, loaded.photographs.thumbnails[0], trace)
         curves = [_curve(part) for part in parts]
-        maps = [(part.material.name, *shown(part.color_map)) for part in parts if part.color_map is not None]
+        maps = [(part.material.name, *map_pictures(part.color_map)) for part in parts if part.color_map is not None]
         page = render_report(result, views, curves, alone, outliers, maps=maps, command=options.command)
         write_text_atomically(folder / "report.html", page)
         write_bytes_atomically(folder / "comparison.png", comparison_png(views))
@@ -119,7 +124,7 @@ def fit_scene(
 def _load_plotting(_: object) -> None:
     """What the report will need for half a second, in the thread that has just compiled, beside the search."""
     import matplotlib.backends.backend_svg  # noqa: F401
-    import skimage.metrics._structural_similarity  # noqa: F401
+    from skimage.metrics import structural_similarity  # noqa: F401
 
 
 def _refined(
@@ -160,6 +165,28 @@ class _Clock:
             report=now - self.fitted,
             total=now - self.began,
         )
+
+
+@dataclass(frozen=True)
+class _Found:
+    """All that a result is written from.
+
+    Attributes:
+        loaded, planned: the scene and its fit.
+        beside: what was fitted beside the materials; None where nothing was.
+        refined: how the cameras were moved; None where they were not.
+        views: photographs beside the fit.
+        outliers: what it does not explain.
+        warnings: what is wrong with the input, in sentences.
+    """
+
+    loaded: Loaded
+    planned: PlannedFit
+    beside: Beside | None
+    refined: RefinedPoses | None
+    views: Sequence[ViewPictures]
+    outliers: Sequence[OutlierMap]
+    warnings: Sequence[str]
 
 
 def _warnings(
@@ -223,24 +250,20 @@ def _remarks(loaded: Loaded, parts: Sequence[FittedPart], fidelity: Fidelity) ->
     return remarks
 
 
-def _message(loaded: Loaded, planned: PlannedFit, fidelity: Fidelity, refined: RefinedPoses | None) -> str:
+def _message(found: _Found, fidelity: Fidelity) -> str:
     """What there is to say of each material, of the plan, of the cameras, and of the input."""
-    parts = planned.parts
+    loaded, parts = found.loaded, found.planned.parts
     told = [part.told for part in parts]
     if len(loaded.materials) > 1:
         told = [f"{part.material.name}: {sentences}" for part, sentences in zip(parts, told, strict=True)]
-    beside = _beside(loaded, parts)
-    told += [] if beside is None else beside.told
-    moved = [] if refined is None else [refined.told]
-    return " ".join([*told, *planned.told, *moved, *_remarks(loaded, parts, fidelity)])
+    told += [] if found.beside is None else found.beside.told
+    told += found.planned.told
+    told += [] if found.refined is None else [found.refined.told]
+    told += [*_remarks(loaded, parts, fidelity), *outlier_sentences(found.outliers), *found.warnings]
+    return " ".join(told)
 
 
-def _beside(loaded: Loaded, parts: Sequence[FittedPart]) -> Beside | None:
-    names = [each.name for each in loaded.photographs.thumbnails]
-    return found_beside([(part.choice.fit, part.spread) for part in parts], names)
-
-
-def _views(loaded: Loaded, trace: Tracer, parts: Sequence[FittedPart]) -> list[ViewPictures]:
+def _views(loaded: Loaded, trace: Tracer, parts: Sequence[FittedPart], beside: Beside | None) -> list[ViewPictures]:
     """Each photograph's thumbnail beside the fitted materials' picture of the same pixels."""
 
     def shown(part: FittedPart, surface: GBuffer) -> torch.Tensor:
@@ -252,40 +275,30 @@ def _views(loaded: Loaded, trace: Tracer, parts: Sequence[FittedPart]) -> list[V
         return painted(parts, surface, shown)
 
     thumbnails = loaded.photographs.thumbnails
-    beside = _beside(loaded, parts)
     factors = torch.ones(len(thumbnails), 3) if beside is None else beside.factors.float()
     views = []
     for seen, factor in zip(thumbnails, factors, strict=True):
         footprint = min(parts[0].setting.fidelity.footprint, SHOWN_FOOTPRINT)
         picture = draw(trace, seen.camera, seen.mask, seen.step, footprint, shade)
-        exposure = 1.0 if seen.exposure == "fit" else seen.exposure
-        photograph, fit = ((shown * exposure).numpy() for shown in (seen.radiance, factor * picture.radiance))
+        exposure = known_exposure(seen.exposure)
+        photograph, fit = ((each * exposure).numpy() for each in (seen.radiance, factor * picture.radiance))
         views.append(ViewPictures(seen.name, photograph, fit, picture.mask.numpy()))
     return views
 
 
-def _result(
-    loaded: Loaded,
-    planned: PlannedFit,
-    views: Sequence[ViewPictures],
-    outliers: Sequence[OutlierMap],
-    clock: _Clock,
-    refined: RefinedPoses | None,
-    warnings: Sequence[str],
-) -> Result:
-    parts = planned.parts
+def _result(found: _Found, clock: _Clock) -> Result:
+    loaded, beside, parts = found.loaded, found.beside, found.planned.parts
     setting, materials = parts[0].setting, tuple(part.material for part in parts)
     fidelity = setting.fidelity
-    beside = _beside(loaded, parts)
     fitted = [1.0] * len(loaded.photographs) if beside is None else beside.exposures.tolist()
-    known = [1.0 if each.exposure == "fit" else each.exposure for each in loaded.photographs.thumbnails]
+    known = [known_exposure(each.exposure) for each in loaded.photographs.thumbnails]
     types = {material.type for material in materials}
     polish = any(part.polish is not None for part in parts)
     return Result(
         status=status_of([part.choice for part in parts], materials),
-        message=" ".join([_message(loaded, planned, fidelity, refined), *told(outliers), *warnings]),
+        message=_message(found, fidelity),
         materials=materials,
-        quality=quality.assess(views),
+        quality=quality.assess(found.views),
         exposure=tuple(factor * each for factor, each in zip(fitted, known, strict=True)),
         model=Model(
             fidelity=f"{fidelity.name}, polished by Mitsuba's path tracer" if polish else fidelity.name,
@@ -297,10 +310,10 @@ def _result(
             levels=max(part.setting.fidelity.levels for part in parts),
             environment_size=setting.environment.radiance.shape[1],
         ),
-        effects=tuple(Effect(name=each.name, on=each.on, why=each.why) for each in planned.plan.decisions),
+        effects=tuple(Effect(name=each.name, on=each.on, why=each.why) for each in found.planned.plan.decisions),
         time=clock.now(),
         inputs=loaded.inputs,
         tolerance=tuple(part.tolerance for part in parts if part.tolerance is not None) or None,
         nuisances=None if beside is None else beside.records,
-        cameras=None if refined is None else refined.cameras,
+        cameras=None if found.refined is None else found.refined.cameras,
     )

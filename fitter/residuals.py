@@ -50,20 +50,20 @@ class Residuals:
     def picture(self, x: Float[Tensor, " x"]) -> Float[Tensor, "p 3"]:
         """The model's, as the photographs would show it."""
         radiance = self.model_at(x).radiance(self.coordinates.material(x))
-        return radiance if self.gains is None else self.gains.factors(self._beside(x)) * radiance
+        return radiance if self.gains is None else self.gains.factors(self.beside(x)) * radiance
 
     def model_at(self, x: Float[Tensor, " x"]) -> PixelModel:
         """The model in the environment as it is turned there."""
         if not isinstance(self.model, TurnedPixels):
             return self.model
         assert self.gains is not None
-        return self.model.at(self.gains.nuisances.steps(self._beside(x)))
+        return self.model.at(self.gains.nuisances.steps(self.beside(x)))
 
     def factors(self, x: Float[Tensor, " x"]) -> Float[Tensor, "p 3"] | float:
         """Pixel over radiance."""
-        return 1.0 if self.gains is None else self.gains.factors(self._beside(x))
+        return 1.0 if self.gains is None else self.gains.factors(self.beside(x))
 
-    def _beside(self, x: Float[Tensor, " x"]) -> Float[Tensor, " z"]:
+    def beside(self, x: Float[Tensor, " x"]) -> Float[Tensor, " z"]:
         """The free numbers that are not the material's."""
         return x[self.coordinates.size :]
 
@@ -93,7 +93,7 @@ class Residuals:
         assert found is not None
         if self.gains is None:
             return found[None]
-        factors = self.gains.nuisances.factors(self._beside(x))
+        factors = self.gains.nuisances.factors(self.beside(x))
         return found * torch.stack([factors[block.photograph] for block in self.blocks])[:, None]
 
     def slope(self, x: Float[Tensor, " x"]) -> Float[Tensor, "p 3 x"]:
@@ -126,7 +126,7 @@ class Residuals:
     def prior(self, x: Float[Tensor, " x"]) -> Float[Tensor, " q"]:
         """What is known before any photograph, of variance 1."""
         own = self.coordinates.prior(x)
-        return own if self.gains is None else torch.cat([own, self.gains.nuisances.prior(self._beside(x))])
+        return own if self.gains is None else torch.cat([own, self.gains.nuisances.prior(self.beside(x))])
 
     def __call__(self, x: Float[Tensor, " x"]) -> Float[Tensor, " r"]:
         """The vector whose sum of squares is minimised: three numbers for each pixel, and the prior's."""

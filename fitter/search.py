@@ -187,7 +187,7 @@ def _next_round(problem: Problem, before: Fit, table: LightTable | None, everywh
         coordinates = replace(coordinates, roughness=_interval(table))  # type: ignore[call-arg]
     seen = problem.observed.radiance
     gains = before.residuals.gains
-    beside = before.x[coordinates.size :]
+    beside = before.residuals.beside(before.x)
     factors, shown = torch.ones_like(seen), model
     if gains is not None and problem.nuisances is not None:
         nuisances = replace(gains.nuisances, turn=problem.nuisances.turn)

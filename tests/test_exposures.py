@@ -21,6 +21,7 @@ from renderer.exif import read_exif, relative_exposure
 from renderer.exposures import expose
 from renderer.images import read_image, write_exr
 from renderer.scene import PhotographSpec
+from tests.srgb_curve import encoded
 
 CAMERA = {"origin": [0, 0, 4], "target": [0, 0, 0]}
 SECONDS, APERTURE, ISO, ORIENTATION, EXIF_TABLE = 0x829A, 0x829D, 0x8827, 0x0112, 0x8769
@@ -44,10 +45,8 @@ def spec(tmp_path, **table) -> PhotographSpec:
 
 
 def srgb_codes(linear: np.ndarray) -> np.ndarray:
-    """IEC 61966-2-1 to 8 bits, written out."""
-    linear = np.clip(linear, 0, 1)
-    stored = np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * linear ** (1 / 2.4) - 0.055)
-    return np.rint(255 * stored).astype(np.uint8)
+    """Codes of 8 bits."""
+    return np.rint(255 * encoded(np.clip(linear, 0, 1))).astype(np.uint8)
 
 
 @pytest.mark.parametrize("suffix", ["jpg", "png"])

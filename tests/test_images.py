@@ -10,15 +10,11 @@ from PIL import Image as PillowImage
 
 from renderer.errors import InputError
 from renderer.images import read_image, write_exr
+from tests.srgb_curve import decoded
 
 
 def codes(shape, bits: int, seed: int = 0) -> np.ndarray:
     return np.random.default_rng(seed).integers(0, 2**bits, shape).astype(f"uint{bits}")
-
-
-def srgb_to_linear(stored: np.ndarray) -> np.ndarray:
-    """IEC 61966-2-1, written out."""
-    return np.where(stored <= 0.04045, stored / 12.92, ((stored + 0.055) / 1.055) ** 2.4)
 
 
 def write_png16(path, samples: np.ndarray) -> None:
@@ -143,7 +139,7 @@ def test_sixteen_bits_stay_sixteen_bits(tmp_path, suffix):
     linear = read_image(path, "linear").radiance
     np.testing.assert_array_equal(np.rint(linear * 65535), samples)
     # the curve's slope is at most 2.3, so float32 leaves a few units of 2^-24
-    np.testing.assert_allclose(read_image(path).radiance, srgb_to_linear(expected), atol=1e-6)
+    np.testing.assert_allclose(read_image(path).radiance, decoded(expected), atol=1e-6)
     np.testing.assert_allclose(read_image(path, "gamma:2.2").radiance, expected**2.2, atol=1e-6)
 
 
@@ -154,7 +150,7 @@ def test_pictures_with_more_samples_than_codes_are_decoded_alike(tmp_path, bits)
     samples[..., 1] = samples[::-1, :, 1]
     tifffile.imwrite(tmp_path / "a.tif", samples)
     expected = samples / (2**bits - 1)
-    for encoding, curve in (("srgb", srgb_to_linear), ("linear", lambda x: x), ("gamma:2.2", lambda x: x**2.2)):
+    for encoding, curve in (("srgb", decoded), ("linear", lambda x: x), ("gamma:2.2", lambda x: x**2.2)):
         found = read_image(tmp_path / "a.tif", encoding).radiance
         assert found.dtype == np.float32
         np.testing.assert_allclose(found, curve(expected), atol=1e-6)
@@ -166,10 +162,10 @@ def test_eight_bit_modes_as_pillow_sees_them(tmp_path, mode, suffix):
     picture = PillowImage.fromarray(codes((5, 6, 3), 8)).convert(mode)
     picture.save(tmp_path / f"a.{suffix}")
     image = read_image(tmp_path / f"a.{suffix}")
-    expected = srgb_to_linear(np.asarray(picture.convert("RGB")) / 255)
+    expected = decoded(np.asarray(picture.convert("RGB")) / 255)
     np.testing.assert_allclose(image.radiance, expected, atol=1e-6)
     assert (image.alpha is not None) == ("A" in mode)
-    assert image.white == pytest.approx(srgb_to_linear(np.array(253.5 / 255)), abs=1e-6)
+    assert image.white == pytest.approx(decoded(np.array(253.5 / 255)), abs=1e-6)
     assert not image.lossy
 
 

@@ -9,7 +9,7 @@ from dataclasses import replace
 
 import pytest
 
-from fitter import pipeline, pixel_model, planned_fit, setting
+from fitter import pipeline, pixel_model, planned_fit, planning, setting
 from fitter.fidelity import PRESETS
 from fitter.fit_options import FitOptions
 from fitter.pipeline import fit_scene
@@ -62,6 +62,14 @@ def calls(monkeypatch) -> Counter[str]:
     return counted
 
 
+@pytest.fixture
+def looked_for_paths(monkeypatch) -> list[object]:
+    """How often a plan finds out whether Mitsuba can trace paths here, which loads it."""
+    found: list[object] = []
+    monkeypatch.setattr(planning, "require_polishable", found.append)
+    return found
+
+
 def fitted(scene, out, **options) -> Result:
     return fit_scene(scene, out, FitOptions(FIDELITY, **{"type": "metal", **options}))
 
@@ -70,9 +78,10 @@ def on(result: Result) -> set[str]:
     return {effect.name for effect in result.effects if effect.on}
 
 
-def test_a_lonely_ball_of_metal_computes_its_lobe_and_nothing_else(gold_scene, tmp_path, calls):
+def test_a_lonely_ball_of_metal_computes_its_lobe_and_nothing_else(gold_scene, tmp_path, calls, looked_for_paths):
     assert on(fitted(gold_scene, tmp_path / "out")) == BALL
     assert {effect for effect, count in calls.items() if count} == {"blur"}
+    assert not looked_for_paths
 
 
 def test_what_is_wanted_is_computed(gold_scene, tmp_path, calls):

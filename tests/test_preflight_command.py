@@ -10,6 +10,7 @@ import pytest
 
 from fitter import cli
 from renderer.images import read_image, write_exr
+from tests.srgb_curve import encoded
 
 
 def run(monkeypatch, *arguments: object) -> int:
@@ -39,10 +40,7 @@ def tone_mapped(scene):
     for path in sorted(scene.parent.glob("view_*.exr")):
         image = read_image(path)
         assert image.alpha is not None
-        shown = np.where(
-            image.radiance < 0.0031308, 12.92 * image.radiance, 1.055 * image.radiance ** (1 / 2.4) - 0.055
-        )
-        write_exr(path, np.concatenate([shown, image.alpha[..., None]], -1).astype(np.float32))
+        write_exr(path, np.concatenate([encoded(image.radiance), image.alpha[..., None]], -1).astype(np.float32))
     return "encoding", "photographs", 'set encoding = "srgb", or use files as the camera recorded them'
 
 

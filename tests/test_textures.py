@@ -11,13 +11,9 @@ from scipy.ndimage import map_coordinates
 
 from renderer.errors import InputError
 from renderer.textures import Texture, lookup, read_texture
+from tests.srgb_curve import decoded
 
 CODES = np.arange(2 * 3 * 3, dtype=np.uint8).reshape(2, 3, 3) * 14
-
-
-def srgb_to_linear(code):
-    """IEC 61966-2-1, in float64."""
-    return np.where(code <= 0.04045, code / 12.92, ((code + 0.055) / 1.055) ** 2.4)
 
 
 @pytest.mark.parametrize("ending", ["png", "gif", "tga", "webp", "bmp", "tif"])
@@ -28,7 +24,7 @@ def test_lossless_files_give_their_numbers(tmp_path, ending):
     assert raw.dtype == torch.float32
     np.testing.assert_allclose(raw, CODES / 255, rtol=2**-22)  # a division in float32
     # one ulp of the argument, 2.4-fold by the power, and as much again for the power itself
-    np.testing.assert_allclose(read_texture(path, color=True).texels, srgb_to_linear(CODES / 255), rtol=1e-6)
+    np.testing.assert_allclose(read_texture(path, color=True).texels, decoded(CODES / 255), rtol=1e-6)
 
 
 def test_jpeg(tmp_path):

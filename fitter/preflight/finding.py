@@ -3,29 +3,9 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Literal
 
-
-@dataclass(frozen=True)
-class Finding:
-    """A finding of the preflight.
-
-    Attributes:
-        kind: of fault, a word of `KINDS`.
-        where: the field or fields of the scene file, and the photograph's name.
-        value: what was found there, with its number.
-        remedy: what to change.
-    """
-
-    kind: str
-    where: str
-    value: str
-    remedy: str
-
-    def __str__(self) -> str:
-        return f"{self.where}: {self.value}; {self.remedy}"
-
-
-KINDS = (
+Kind = Literal[
     "silhouette",
     "up-axis",
     "environment-rotation",
@@ -36,7 +16,27 @@ KINDS = (
     "values",
     "sharpness",
     "duplicate",
-)
+]
+
+
+@dataclass(frozen=True)
+class Finding:
+    """A finding of the preflight.
+
+    Attributes:
+        kind: of fault.
+        where: the field or fields of the scene file, and the photograph's name.
+        value: what was found there, with its number.
+        remedy: what to change.
+    """
+
+    kind: Kind
+    where: str
+    value: str
+    remedy: str
+
+    def __str__(self) -> str:
+        return f"{self.where}: {self.value}; {self.remedy}"
 
 
 def percent(share: float) -> str:

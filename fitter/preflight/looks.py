@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,7 +10,7 @@ import torch
 from jaxtyping import Float, Int
 from torch import Tensor
 
-from fitter.photographs import Photograph
+from fitter.photographs import Photograph, known_exposure
 from fitter.selection import Observations, choose_pixels
 from renderer import gbuffer
 from renderer.errors import InputError
@@ -65,7 +64,7 @@ def look(
     exposures = []
     for index, number in enumerate(numbers):
         photograph = photographs[number]
-        exposures.append(_exposure(photograph))
+        exposures.append(known_exposure(photograph.exposure))
         try:
             chosen = choose_pixels(
                 [photograph],
@@ -90,8 +89,3 @@ def _joined(part: Sequence[tuple[int, Observations]], exposures: Float[Tensor, "
     seen = torch.cat([observed.radiance for _, observed in part]).float().T
     index = torch.cat([torch.full((len(observed.radiance),), i) for i, observed in part])
     return Looks(surface, seen, index, exposures[index])
-
-
-def _exposure(photograph: Photograph) -> float:
-    exposure = photograph.exposure
-    return exposure if isinstance(exposure, float) and math.isfinite(exposure) else 1.0

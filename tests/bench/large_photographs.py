@@ -25,6 +25,7 @@ from renderer.studio import studio
 from renderer.views import View, views
 from shaders.materials import Metal
 from tests.bench.setting import CACHE
+from tests.srgb_curve import encoded
 
 DIFFERENT = 5  # photographs that are made; scenes of more take these again
 TRACED_WIDTH = 400
@@ -117,5 +118,4 @@ def _enlarged(picture: Float[np.ndarray, "h w 3"], width: int) -> Float[np.ndarr
 
 def _codes(linear: Float[np.ndarray, "h w 3"]) -> np.ndarray:
     """IEC 61966-2-1 in 8 bits."""
-    x = np.clip(linear, 0, 1)
-    return np.round(255 * np.where(x <= 0.0031308, 12.92 * x, 1.055 * x ** (1 / 2.4) - 0.055)).astype(np.uint8)
+    return np.round(255 * encoded(np.clip(linear, 0, 1))).astype(np.uint8)

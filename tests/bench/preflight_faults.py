@@ -20,6 +20,7 @@ from renderer.environment import read_environment
 from renderer.images import read_image, write_exr
 from renderer.latlong import lookup, of
 from renderer.scene import camera_of, read_scene
+from tests.srgb_curve import encoded
 
 FILES = ("exr", "png", "background")
 """Clean photographs: linear floats with alpha; 8-bit sRGB with alpha; floats with their background and no mask."""
@@ -94,14 +95,10 @@ def _exposed(photograph: dict[str, Any], pixels: Float[np.ndarray, "h w 4"], cli
     return factor
 
 
-def srgb(linear: Float[np.ndarray, "h w 3"]) -> Float[np.ndarray, "h w 3"]:
-    linear = np.clip(linear, 0, 1)
-    return np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * np.maximum(linear, 1e-9) ** (1 / 2.4) - 0.055)
-
-
 def write_png(pixels: Float[np.ndarray, "h w 4"], path: Path, factor: float, bits: int = 8, coded: bool = True) -> Path:
     """Integers, by sRGB or linear; alpha is no curve's."""
-    color = srgb(factor * pixels[..., :3]) if coded else np.clip(factor * pixels[..., :3], 0, 1)
+    color = np.clip(factor * pixels[..., :3], 0, 1)
+    color = encoded(color) if coded else color
     samples = np.concatenate([color, np.clip(pixels[..., 3:], 0, 1)], -1)
     path = path.with_suffix(".png")
     if bits == 8:
