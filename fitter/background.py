@@ -59,7 +59,7 @@ def nuisances_of(loaded: Loaded, trace: Tracer) -> Nuisances | None:
     if not unknowns:
         return None
     specs, environment = loaded.scene.photographs, loaded.environment
-    patches = [None if i in loaded.repeated else _patch(spec, trace) for i, spec in enumerate(specs)]
+    patches = [None if i in loaded.repeated else Patch.of(spec, trace) for i, spec in enumerate(specs)]
     before = Nuisances.before(unknowns, len(specs))
     tried = []
     for degrees in (0.0,) if before.turn is None else TRIED_TURNS:
@@ -73,19 +73,9 @@ def nuisances_of(loaded: Loaded, trace: Tracer) -> Nuisances | None:
     return before.learning(ratio, error)
 
 
-def seen_behind(spec: PhotographSpec, trace: Tracer, light: LatLong) -> Behind | None:
-    """What the surroundings tell of a photograph; None where none are seen, or others than the map's.
-
-    The median over tiles of the median of log pixel/radiance in each: outliers, such as a stand, count by their number
-    alone. A picture that is cut out, or whose background varies otherwise than the map, tells nothing.
-    """
-    patch = _patch(spec, trace)
-    return None if patch is None else patch.against(light)
-
-
 @dataclass(frozen=True)
-class _Patch:
-    """Pixels beside the object.
+class Patch:
+    """Pixels of a photograph beside the object.
 
     Attributes:
         shown: what they show.
@@ -97,8 +87,26 @@ class _Patch:
     directions: Float[Tensor, "p 3 3 3"]
     tile: Int[Tensor, " p"]
 
+    @staticmethod
+    def of(spec: PhotographSpec, trace: Tracer) -> Patch | None:
+        """None where nothing is lit beside the object, as in a picture that is cut out."""
+        seen = expose(spec)
+        height, width = seen.clipped.shape
+        camera = camera_of(spec.camera, width, height)
+        pixels = _pixels(seen)
+        pixels = pixels[_clear(pixels, camera, trace)]
+        shown = seen.radiance[pixels[:, 0], pixels[:, 1]].double()
+        if len(pixels) < TILE_PIXELS or float((shown > 0).all(-1).double().mean()) < POSITIVE:
+            return None
+        side = max(-(-max(height, width) // TILES), SMALLEST_TILE * _step(seen.clipped.shape))
+        return Patch(shown, _directions(pixels, camera), (pixels // side) @ torch.tensor([TILES + 1, 1]))
+
     def against(self, light: LatLong) -> Behind | None:
-        """Over what the environment has there."""
+        """Over what the environment has there; None where the background varies otherwise than the map.
+
+        The median over tiles of the median of log pixel/radiance in each: outliers, such as a stand, count by their
+        number alone.
+        """
         expected = latlong.lookup(light, *self.directions.unbind(-1)).double().mean((1, 2))
         lit = (self.shown > 0).all(-1) & (expected > 0).all(-1)
         logs = torch.stack([self.shown[lit].log() - expected[lit].log(), expected[lit].log()], 1)
@@ -110,20 +118,6 @@ class _Patch:
         if (left > torch.maximum(ALIKE * own, torch.tensor(EVEN).to(own))).any():
             return None
         return Behind(middle[0], (math.sqrt(math.pi / 2 / len(tiles)) * left).clamp_min(LEAST_ERROR), left)
-
-
-def _patch(spec: PhotographSpec, trace: Tracer) -> _Patch | None:
-    """None where nothing is lit beside the object."""
-    seen = expose(spec)
-    height, width = seen.clipped.shape
-    camera = camera_of(spec.camera, width, height)
-    pixels = _pixels(seen)
-    pixels = pixels[_clear(pixels, camera, trace)]
-    shown = seen.radiance[pixels[:, 0], pixels[:, 1]].double()
-    if len(pixels) < TILE_PIXELS or float((shown > 0).all(-1).double().mean()) < POSITIVE:
-        return None
-    side = max(-(-max(height, width) // TILES), SMALLEST_TILE * _step(seen.clipped.shape))
-    return _Patch(shown, _directions(pixels, camera), (pixels // side) @ torch.tensor([TILES + 1, 1]))
 
 
 def _step(size: Sequence[int]) -> int:

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 import torch
 
-from fitter.background import Behind, seen_behind
+from fitter.background import Behind, Patch
 from renderer import gbuffer, latlong
 from renderer.environment import Environment
 from renderer.images import write_exr
@@ -39,10 +39,15 @@ def surroundings(light) -> np.ndarray:
     return np.array(mi.render(scene, spp=32, seed=0))[..., :3]
 
 
+def behind(spec: PhotographSpec, light: Environment) -> Behind | None:
+    patch = Patch.of(spec, gbuffer.tracer(Sphere()))
+    return None if patch is None else patch.against(latlong.of(light))
+
+
 def told(folder: Path, pixels: np.ndarray, light: Environment) -> Behind | None:
     write_exr(folder / "view.exr", pixels.astype(np.float32))
     spec = PhotographSpec(image=folder / "view.exr", exposure="fit", camera=CAMERA)
-    return seen_behind(spec, gbuffer.tracer(Sphere()), latlong.of(light))
+    return behind(spec, light)
 
 
 def test_factors_on_a_photograph_are_found_within_their_errors(surroundings, light, tmp_path):
@@ -63,7 +68,7 @@ def test_eight_bits_do_as_well(surroundings, light, tmp_path):
     codes = np.rint(255 * srgb(torch.from_numpy((surroundings / full).clip(0, 1))).numpy()).astype(np.uint8)
     iio.imwrite(tmp_path / "view.png", codes)
     spec = PhotographSpec(image=tmp_path / "view.png", exposure="fit", camera=CAMERA)
-    found = seen_behind(spec, gbuffer.tracer(Sphere()), latlong.of(light))
+    found = behind(spec, light)
     assert found is not None
     assert (found.ratio + np.log(full)).abs().max() < 3 * float(found.error.max())
 
@@ -82,4 +87,4 @@ def test_an_object_that_fills_the_frame_tells_nothing(surroundings, light, tmp_p
     write_exr(tmp_path / "near.exr", surroundings)
     near = CAMERA.model_copy(update={"origin": (0.0, 0.0, 1.5)})
     spec = PhotographSpec(image=tmp_path / "near.exr", exposure="fit", camera=near)
-    assert seen_behind(spec, gbuffer.tracer(Sphere()), latlong.of(light)) is None
+    assert behind(spec, light) is None
