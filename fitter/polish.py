@@ -207,12 +207,11 @@ def _settled(problem: Problem, fit: Fit, scene: DifferentiableScene, seed: int) 
     for _ in range(ROUNDS):
         asked = _again(fit, _traced(problem, _metal(fit), scene, seed, drawn), problem.solver)
         if _way(asked, fit.x) < SETTLED:
-            return replace(asked, x=unbiased(asked.residuals, asked.x))
+            return asked
         step = asked.x - fit.x
         share = share / 2 if float(step @ last) < 0 else share
         fit, last = replace(asked, x=fit.x + share * step), step
-    fit = replace(fit, solution=replace(fit.solution, status="stopped"))
-    return replace(fit, x=unbiased(fit.residuals, fit.x))
+    return replace(fit, solution=replace(fit.solution, status="stopped"))
 
 
 def _traced(
@@ -246,7 +245,7 @@ def _again(fit: Fit, added: tuple[Tangent, ...], solver: Solver) -> Fit:
     assert isinstance(model, PolishedPixels)
     residuals = replace(fit.residuals, model=replace(model, added=added))
     solution = solved(residuals, [fit.x], solver)
-    return Fit(residuals, solution, solution.x, fit.solve_seconds + solution.seconds)
+    return Fit(residuals, solution, unbiased(residuals, solution.x), fit.solve_seconds + solution.seconds)
 
 
 def _way(fit: Fit, before: Float[Tensor, " x"]) -> float:

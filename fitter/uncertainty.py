@@ -19,7 +19,8 @@ TWO_SIDED_95 = 1.959964  # Φ⁻¹(0.975)
 NOTHING = 1e-100  # the precision where nothing moves the residuals at all; its inverse can still be squared
 ROUNDING = 1e-14  # of the largest eigenvalue of an information matrix
 MOST_BIAS = 3.0  # standard errors that a step may take: of few pixels, halves know too little to be followed further
-UNBIASED_STEPS, UNBIASED_WITHIN = 8, 0.01  # at most so many, until one is that part of a standard error
+UNBIASED_STEPS, UNBIASED_WITHIN = 32, 0.01  # at most so many, until one is that part of a standard error
+DAMPED = 0.1  # share of the information by which a step that led upwards is shortened first, and each time tenfold
 DROWNED = 0.1  # least share of what a table says that is not taken for its noise
 
 # A number counts as determined while the half width of its 95 % interval stays below this share of the value, or
@@ -66,7 +67,8 @@ def unbiased(residuals: Residuals, x: Float[Tensor, " x"]) -> Float[Tensor, " x"
 
     Least squares takes the table for exact. Its noise is in the residuals and in their slopes alike, and their product
     has a mean: the material comes out too dark by the noise's variance. The slopes of one half of the samples know
-    nothing of the other half's noise, as instruments in regression [Reiersøl 1945].
+    nothing of the other half's noise, as instruments in regression [Reiersøl 1945]. What they set to zero is the slope
+    of ½ r_A · r_B, so that steps along a bent valley can be damped until that falls [Levenberg 1944].
 
     Args:
         residuals: of the whole table, whose halves are independent.
@@ -75,14 +77,19 @@ def unbiased(residuals: Residuals, x: Float[Tensor, " x"]) -> Float[Tensor, " x"
     if residuals.model.table is None:
         return x
     whitening = residuals.robust_whitening(x)
+    here, damping = _Halves.at(x, residuals, whitening), 0.0
     for _ in range(UNBIASED_STEPS):
-        halves = _Halves.at(x, residuals, whitening)
-        information = halves.information
-        step = _inverse(information) @ (halves.scores.sum(0) + halves.of_prior.T @ residuals.prior(x))
-        length = (step @ information @ step).clamp_min(0).sqrt()
-        x = x - step / (length / MOST_BIAS).clamp_min(1)
-        if not length > UNBIASED_WITHIN:
-            break
+        information, slope = here.information, here.slope_of_crossed
+        whole_way = _inverse(information) @ slope
+        if not (whole_way @ information @ whole_way).clamp_min(0).sqrt() > UNBIASED_WITHIN:
+            return x - whole_way
+        way = _inverse(information + damping * torch.diag(information.diagonal())) @ slope
+        way = way / ((way @ information @ way).clamp_min(0).sqrt() / MOST_BIAS).clamp_min(1)
+        there = _Halves.at(x - way, residuals, whitening)
+        if there.crossed < here.crossed:
+            x, here, damping = x - way, there, damping / 10
+        else:
+            damping = max(DAMPED, 10 * damping)
     return x
 
 
@@ -135,18 +142,31 @@ class _Halves:
     Attributes:
         slopes: J_A, J_B, whitened.
         differences: r_A, r_B, whitened.
-        of_prior: the prior's slope.
+        prior: its residuals.
+        of_prior: … and their slope.
     """
 
     slopes: tuple[Float[Tensor, "p 3 x"], ...]
     differences: tuple[Float[Tensor, "p 3"], ...]
+    prior: Float[Tensor, " q"]
     of_prior: Float[Tensor, "q x"]
 
     @staticmethod
     def at(x: Float[Tensor, " x"], residuals: Residuals, whitening: Float[Tensor, "p 3 3"]) -> _Halves:
         slopes = tuple(torch.matmul(whitening, half.slope(x)) for half in residuals.halves)
         differences = (torch.einsum("prc,pc->pr", whitening, half.difference(x)) for half in residuals.halves)
-        return _Halves(slopes, tuple(differences), jacobian(residuals.prior, x))
+        return _Halves(slopes, tuple(differences), residuals.prior(x), jacobian(residuals.prior, x))
+
+    @property
+    def crossed(self) -> Float[Tensor, ""]:
+        """½ (r_A · r_B + |prior|²): half the sum of squares, but for the table's noise."""
+        first, second = self.differences
+        return ((first * second).sum() + self.prior.square().sum()) / 2
+
+    @property
+    def slope_of_crossed(self) -> Float[Tensor, " x"]:
+        """½ (J_Aᵀ r_B + J_Bᵀ r_A) + ∇ prior."""
+        return self.scores.sum(0) + self.of_prior.T @ self.prior
 
     @property
     def slope(self) -> Float[Tensor, "p 3 x"]:

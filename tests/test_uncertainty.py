@@ -122,6 +122,31 @@ def test_noise_in_the_table_is_no_bias():
     assert unbiased(residuals, x).item() == pytest.approx(2, abs=5 * 2 * 0.3 / math.sqrt(20_000))
 
 
+@dataclass(frozen=True)
+class Bent(Line):
+    """y = (20 + arctan x) a."""
+
+    def difference(self, x):
+        return (20 + torch.arctan(x)) * self.design - self.seen
+
+    def slope(self, x):
+        return (self.design / (1 + x**2))[:, None].expand(-1, 3, -1)
+
+
+def test_a_bent_model_is_followed_to_where_crossed_slopes_end():
+    """Beyond 1.39, steps along the tangent of arctan swing ever wider. Of halves 1 + σe and 1 + σe' with e, e' and 1
+    orthogonal least squares finds 20 + arctan x = 20/(1 + σ²/2); crossed slopes find x = 0."""
+    signs = torch.tensor([1.0, -1.0], dtype=torch.float64)
+    first, second = (1 + 0.373 * each.repeat(20)[:, None] for each in (signs.repeat(2), signs.repeat_interleave(2)))
+    whole, seen = (first + second) / 2, 20 * torch.ones(80, 1, dtype=torch.float64)
+    whitening = torch.eye(3).double().expand(80, 3, 3) / (20 * 0.373 / math.sqrt(2))
+    parts = (Bent(each, seen, whitening) for each in (whole, first, second))
+    residuals: Any = replace(next(parts), halves=tuple(parts))
+    start = torch.tan((whole * seen).sum() / whole.square().sum() - 20)[None]
+    assert start < -3
+    assert abs(unbiased(residuals, start).item()) < 0.01 / math.sqrt(3 * 80 * whitening[0, 0, 0] ** 2)
+
+
 def test_what_needs_no_table_has_no_bias():
     x = torch.tensor([2.0, 3.0], dtype=torch.float64)
     assert unbiased(line(noise(200, 3), table=None), x) is x
