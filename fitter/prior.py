@@ -12,8 +12,9 @@ from torch import Tensor
 
 from fitter.catalogue import read_catalogue
 from fitter.expected import shape_of
+from fitter.likelihood import indices, likelihood
 from fitter.measured import Measured
-from fitter.mixture import Borrowed, TooFar, Triple, catalogue_prior, indices
+from fitter.mixture import Borrowed, TooFar, Triple, catalogue_prior
 from fitter.parameters import MetalCoordinates
 from fitter.result import FromPrior
 from fitter.search import Fit
@@ -34,7 +35,7 @@ def borrow(fit: Fit, spread: Spread, prior: Prior) -> Borrowed | TooFar | None:
     coordinates = fit.residuals.coordinates
     if not isinstance(coordinates, MetalCoordinates):
         return None
-    found = catalogue_prior(fit.x, coordinates, spread) if prior == "catalogue" else None
+    found = catalogue_prior(likelihood(fit, spread)) if prior == "catalogue" else None
     if coordinates.tint is None or isinstance(found, Borrowed):
         return found
     return _of_nearest_color(fit.x, found)
