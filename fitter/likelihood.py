@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
 from typing import TYPE_CHECKING, Protocol
 
 import torch
@@ -101,7 +100,7 @@ class InPictures:
     def f0(self) -> Float[Tensor, "3"]:
         return torch.sigmoid(self.x[:3])
 
-    @cached_property
+    @property
     def least(self) -> float:
         return float(self(self.x[:6]).square().sum())
 
