@@ -6,6 +6,7 @@ no other. So what is reported is the fit whose reflectance is held at 1, where t
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 
 import torch
@@ -59,22 +60,49 @@ class LambertianCoordinates(Coordinates):
 def reported(fit: Fit) -> tuple[Fit, Spread]:
     """A fit as material, pictures and exposures are told from it, and the covariance of its free vector.
 
-    Reflectances that are held keep the errors C_rr that they have where they are free, with which those of the other
-    numbers, which have them held, do not go together.
+    Reflectances that are held may lie below 1 nevertheless, and what they are free to do there counts as an error of
+    theirs and of the numbers that follow them: the second moment about 1 of their normal distribution, cut off there.
     """
     coordinates, uncertainty = fit.residuals.coordinates, spread(fit.residuals, fit.x)
     if not isinstance(coordinates, MatteCoordinates):
         return fit, uncertainty
-    held = coordinates.beyond_lambert(fit.x)
-    if not held.any():
+    if not coordinates.beyond_lambert(fit.x).any():
         return fit, uncertainty
-    lambertian = _lambertian(fit, coordinates, held)
+    lambertian = _lambertian(fit, coordinates, coordinates.beyond_lambert(fit.x))
     holding = lambertian.residuals.coordinates
     assert isinstance(holding, LambertianCoordinates)
-    kept = holding.kept(len(fit.x))
-    covariance = torch.where(torch.outer(~kept, ~kept), uncertainty.covariance, 0.0)
-    covariance[torch.outer(kept, kept)] = spread(lambertian.residuals, lambertian.x).covariance.flatten()
+    own = spread(lambertian.residuals, lambertian.x).covariance
+    covariance = _below_lambert(uncertainty.covariance, fit.x - coordinates.lambert, holding.kept(len(fit.x)), own)
     return replace(lambertian, residuals=fit.residuals, x=holding.completed(lambertian.x)), Spread(covariance)
+
+
+def _below_lambert(
+    free: Float[Tensor, "x x"], beyond: Float[Tensor, " x"], kept: Bool[Tensor, " x"], own: Float[Tensor, "k k"]
+) -> Float[Tensor, "x x"]:
+    """Second moments about a fit with numbers held, of which each may be less.
+
+    Args:
+        free: covariance where all numbers are free.
+        beyond: by how much a number passes, there, what it is held at.
+        kept: which numbers are not held.
+        own: their covariance, with the others held.
+    """
+    of_held = free[~kept][:, ~kept]
+    follows = torch.linalg.solve(of_held, free[~kept][:, kept]).T
+    sigma = of_held.diagonal().sqrt()
+    moved = torch.diag(sigma**2 * _cut_off(beyond[~kept] / sigma))
+    found = torch.empty_like(free)
+    found[torch.outer(kept, kept)] = (own + follows @ moved @ follows.T).flatten()
+    found[torch.outer(kept, ~kept)] = (follows @ moved).flatten()
+    found[torch.outer(~kept, kept)] = (follows @ moved).T.flatten()
+    found[torch.outer(~kept, ~kept)] = moved.flatten()
+    return found
+
+
+def _cut_off(z: Float[Tensor, " h"]) -> Float[Tensor, " h"]:
+    """E[u² | u < 0] of a normal u of mean z and variance 1: 1 + z² - z φ(z)/Φ(-z) [Tallis 1961, eq. 3]."""
+    hazard = math.sqrt(2 / math.pi) / torch.special.erfcx(z / math.sqrt(2))
+    return (1 + z**2 - z * hazard).clamp(0, 1)
 
 
 def _lambertian(fit: Fit, coordinates: MatteCoordinates, held: Bool[Tensor, " m"]) -> Fit:

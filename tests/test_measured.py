@@ -10,17 +10,17 @@ import numpy as np
 import pytest
 import torch
 from scipy.optimize import lsq_linear
+from scipy.stats import truncnorm
 
 from fitter.derivative import jacobian
 from fitter.fidelity import PRESETS
 from fitter.fit_options import FitOptions
-from fitter.lambertian import _lambertian
+from fitter.lambertian import _below_lambert, _lambertian
 from fitter.loading import load
 from fitter.parameters import Coordinates, MatteCoordinates
 from fitter.parts import FittedPart, fit_parts
 from fitter.pipeline import fit_scene, setting_of
 from fitter.residuals import Residuals
-from fitter.result import CHANNELS
 from fitter.search import Fit
 from fitter.solve import Solution
 from fitter.uncertainty import TWO_SIDED_95
@@ -70,10 +70,11 @@ def passed(part: FittedPart) -> list[bool]:
 
 @pytest.mark.parametrize(("fidelity", "reflectance", "seed"), CASES)
 def test_a_colour_beyond_the_lambertian_is_the_lambertians(tmp_path, fidelity, reflectance, seed):
-    """Value, error and interval; a channel whose reflectance stays below 1 keeps its own, which are wider.
+    """Value and interval; a channel whose reflectance stays below 1 keeps its own, which are wider.
 
     The solver ends within a thousandth of an error. The sandwich's standard errors are known to some percent: of 600
-    pixels √(2/600), and the residuals of a reflectance of 1.05 hold what a Lambertian cannot explain.
+    pixels √(2/600), and the residuals of a reflectance of 1.05 hold what a Lambertian cannot explain. What reflectances
+    below 1 would add to them is tested below.
     """
     part = part_of(clay_scene(tmp_path, reflectance, seed), fidelity)
     color, errors = of_lambertian(part.choice.fit.residuals)
@@ -83,7 +84,7 @@ def test_a_colour_beyond_the_lambertian_is_the_lambertians(tmp_path, fidelity, r
         value, (low, high) = material.color[channel], material.interval95.color[channel]
         if beyond[channel]:
             assert value == pytest.approx(expected, abs=1e-3 * error)
-            assert material.stderr.color[channel] == pytest.approx(error, rel=0.2)
+            assert material.stderr.color[channel] > 0.8 * error
             half = TWO_SIDED_95 * material.stderr.color[channel]
             assert (value - low, high - value) == pytest.approx((half, half), rel=0.05)  # a logit bends a little
             assert material.reflectance[channel] == 1
@@ -100,8 +101,7 @@ def test_the_picture_is_of_the_material_reported(tmp_path, fidelity, reflectance
     torch.testing.assert_close(fit.picture, fit.residuals.model.radiance(Matte(*numbers)), rtol=1e-12, atol=0)
 
 
-def test_result_and_mtl_have_the_same_numbers_and_a_colour_at_reflectance_1(tmp_path):
-    """Whose error goes with that of the reflectance where this is free, and nowhere else."""
+def test_result_and_mtl_have_the_same_numbers(tmp_path):
     scene = clay_scene(tmp_path, 1.0, seed=3)
     part = part_of(scene, "viewer")
     (found,) = fit_scene(scene, tmp_path / "out", options("viewer")).materials
@@ -110,10 +110,6 @@ def test_result_and_mtl_have_the_same_numbers_and_a_colour_at_reflectance_1(tmp_
     (told,) = (each.material for each in read_mtl(file).appearances.values())
     np.testing.assert_allclose(told.color.tolist(), found.color, rtol=1e-6)  # as float32
     np.testing.assert_allclose(told.reflectance.tolist(), found.reflectance, rtol=1e-6)
-    names = found.correlation.numbers
-    for beyond, channel in zip(passed(part), CHANNELS, strict=True):
-        row = found.correlation.coefficients[names.index(f"color of {channel}")]
-        assert (row[names.index(f"reflectance of {channel}")] == 0) == beyond
 
 
 @dataclass(frozen=True)
@@ -151,3 +147,25 @@ def test_reflectances_are_held_with_all_else_at_the_conditional_mean(seed):
     bounded = lsq_linear(root.numpy(), (root @ best).numpy(), (-np.inf, most), tol=1e-14)
     np.testing.assert_allclose(x.numpy(), bounded.x, atol=1e-4)
     assert jacobian(holding.completed, held.x).sum() == len(held.x)  # each of its numbers is one of the whole
+
+
+@pytest.mark.parametrize("z", [0.01, 0.5, 2.0, 20.0])
+def test_what_is_held_may_be_less(z):
+    """Second moments about a number held at 0 and others at their conditional means, of 10⁶ draws of a normal
+    distribution: that number from where it is below 0, by its cumulative distribution, the others given it. Squares of
+    normal numbers scatter by √2 of their mean, 1.4e-3 in all; five of these."""
+    generator = torch.Generator().manual_seed(3)
+    root = torch.randn(4, 4, generator=generator, dtype=torch.float64)
+    free, count = torch.linalg.inv(root.T @ root), 1_000_000
+    sigma = free[3, 3].sqrt()
+    follows = free[:3, 3] / free[3, 3]
+    own = free[:3, :3] - torch.outer(follows, follows) * free[3, 3]
+    below = truncnorm(-np.inf, -z, loc=z).ppf((np.arange(count) + 0.5) / count)
+    held = sigma * torch.from_numpy(below)
+    others = torch.linalg.cholesky(own) @ torch.randn(3, count, generator=generator, dtype=torch.float64)
+    drawn = torch.cat([others + follows[:, None] * held, held[None]])
+    kept = torch.tensor([True, True, True, False])
+    found = _below_lambert(free, torch.cat([torch.zeros(3).double(), (z * sigma)[None]]), kept, own)
+    scale = found.diagonal().sqrt()
+    expected = drawn @ drawn.T / count
+    torch.testing.assert_close(found / scale / scale[:, None], expected / scale / scale[:, None], rtol=0, atol=7e-3)
