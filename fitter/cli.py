@@ -16,7 +16,7 @@ import typer
 from typer.exceptions import TyperException
 
 from fitter.advise_command import advise
-from fitter.batch_command import batch
+from fitter.batch.command import batch
 from fitter.check_command import check
 from fitter.command_options import Out
 from fitter.fit_command import DONE, NO_MATERIAL, demo, fit

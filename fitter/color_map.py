@@ -83,8 +83,7 @@ def with_color_map(part: FittedPart, loaded: Loaded, trace: Tracer, seed: int, p
     progress("colour map", 1.0)
     material = part.choice.fit.material
     assert isinstance(material, Glossy | Matte)
-    front = material.color * material.reflectance.clamp_min(1.0)  # of the body that `rows` has
-    mean = front.clamp_min(LEAST_MEAN).numpy()
+    mean = material.color.clamp_min(LEAST_MEAN).numpy()
     solution = solve(found, size, mean)
     layout = unwrapped(loaded.shape, part.index, size, size)
     color = np.clip(filled(solution.color, solution.solved, layout), 0, 1)

@@ -22,7 +22,7 @@ from fitter.textured_pixels import surface_and_body
 from renderer import gbuffer
 from renderer.environment import Environment
 from renderer.gbuffer import GBuffer, Tracer
-from shaders.materials import Glossy, Material, Matte
+from shaders.materials import Glossy, Matte
 
 SIDE = 3  # rays along each side of a pixel
 MOST_PIXELS = 1_500_000  # of all photographs; of more, blocks of pixels are taken together
@@ -130,7 +130,8 @@ def _some(mask: Bool[Tensor, "h w"]) -> Iterator[tuple[Tensor, Tensor]]:
 
 
 def _lit(part: FittedPart, surface: GBuffer, seen: Float[Tensor, "p 3"], occluded: OccludedBody | None) -> Rows:
-    material, setting = possible(part.choice.fit.material), part.setting
+    material, setting = part.choice.fit.material, part.setting
+    assert isinstance(material, Glossy | Matte)
     known = {"ambient-occlusion"} if occluded is not None else set()
     unhidden = setting.simulating(setting.effects - known)
     model = unhidden.pixels(surface, body=True, shown=True)
@@ -142,12 +143,6 @@ def _lit(part: FittedPart, surface: GBuffer, seen: Float[Tensor, "p 3"], occlude
     table = unhidden.table_of(material, surface, min(setting.fidelity.samples, SAMPLES))
     mirrored, body = surface_and_body(model.under(table), material)
     return Rows(surface.uv.float(), _texture_area(surface), seen, mirrored, body)
-
-
-def possible(material: Material) -> Glossy | Matte:
-    """The material with a reflectance that it can have: a fit of a matte one may end above 1, and its colour below."""
-    assert isinstance(material, Glossy | Matte)
-    return replace(material, reflectance=material.reflectance.clamp_max(1.0))
 
 
 def _texture_area(surface: GBuffer) -> Float[Tensor, " p"]:

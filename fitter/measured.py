@@ -36,7 +36,7 @@ QUANTITIES: Mapping[str, Mapping[str, Callable[[Any], Tensor]]] = {
         "roughness": lambda glossy: glossy.roughness[None],
     },
     "matte": {
-        "color": lambda matte: matte.color * matte.reflectance.clamp_min(1),
+        "color": lambda matte: matte.color,
         "reflectance": lambda matte: matte.reflectance,
     },
 }

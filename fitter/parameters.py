@@ -5,9 +5,10 @@ from __future__ import annotations
 import math
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
+from typing import ClassVar
 
 import torch
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 from torch import Tensor
 from torch.nn.functional import softplus
 
@@ -174,13 +175,16 @@ class MatteCoordinates(Coordinates):
     """The free vector of a matte material: colour per channel, and reflectance for all of them or for each.
 
     A reflectance above 1, which no material has, is for the fit alone: a surface that darkens towards grazing angles.
+    What is reported is told by `fitter.lambertian`.
 
     Attributes:
         channels: 1 or 3, of the reflectance.
+        lambert: the free number of reflectance 1, which is a Lambertian's.
     """
 
     channels: int = 3
     roughness = None
+    lambert: ClassVar[float] = float(MATTE_REFLECTANCE.free(torch.tensor(1.0, dtype=torch.float64)))
 
     @property
     def size(self) -> int:
@@ -194,6 +198,10 @@ class MatteCoordinates(Coordinates):
         assert isinstance(material, Matte)
         color, reflectance = UNIT.inside(material.color), MATTE_REFLECTANCE.inside(material.reflectance)
         return torch.cat([UNIT.free(color), MATTE_REFLECTANCE.free(reflectance[: self.channels])])
+
+    def beyond_lambert(self, x: Float[Tensor, " x"]) -> Bool[Tensor, " m"]:
+        """Which of a material's own numbers are reflectances above 1."""
+        return torch.cat([x.new_zeros(3, dtype=torch.bool), x[3 : self.size] > self.lambert])
 
 
 def tint_of(n: Float[Tensor, "3"], k: Float[Tensor, "3"]) -> Float[Tensor, "3"]:

@@ -17,6 +17,7 @@ from fitter.beside import guessed, turned
 from fitter.choice import Choice, fit_type
 from fitter.fidelity import Fidelity
 from fitter.fit_options import FitOptions
+from fitter.lambertian import reported
 from fitter.loading import Loaded
 from fitter.nearest import nearest_metals
 from fitter.parameters import MetalCoordinates
@@ -32,7 +33,7 @@ from fitter.spots import choose_spots
 from fitter.summary import describe, fitted_material
 from fitter.textured_pixels import SpottedPixels
 from fitter.tolerance import FIRST_PIXELS, Ascent, ascend
-from fitter.uncertainty import Spread, spread
+from fitter.uncertainty import Spread
 from fitter.verdicts import seen_by
 from fitter.viewer_roughness import viewer_roughness
 from renderer.gbuffer import GBuffer, Tracer
@@ -210,9 +211,9 @@ def _labelled(progress: Progress, name: str, count: int) -> Progress:
 
 
 def _part(index: int, name: str, observed: Observations, choice: Choice, setting: Setting, prior: Prior) -> FittedPart:
-    fit = choice.fit
+    fit, uncertainty = reported(choice.fit)
+    choice = replace(choice, fit=fit)
     setting = turned(setting, fit)
-    uncertainty = spread(fit.residuals, fit.x)
     coordinates = fit.residuals.coordinates
     nearest = nearest_metals(fit.x, coordinates, uncertainty) if isinstance(coordinates, MetalCoordinates) else ()
     rho = None

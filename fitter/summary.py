@@ -38,7 +38,7 @@ def fitted_material(
 
     Args:
         name: of the material.
-        fit: what was found.
+        fit: what was found, as `fitter.lambertian.reported` has it.
         spread: covariance of its free vector.
         rho: the viewer's roughness and its error; None where the fit was made in the viewer's own model, which
             leaves alpha to the first guess ρ/(2√2), or where the material has no roughness.

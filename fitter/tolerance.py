@@ -19,11 +19,12 @@ from torch import Tensor
 from fitter.choice import Choice, fit_type
 from fitter.derivative import jacobian
 from fitter.fidelity import Fidelity
+from fitter.lambertian import reported
 from fitter.measured import QUANTITIES, name_of
 from fitter.result import MaterialType, Rung, Tolerance
 from fitter.search import Fit, Problem, anew
 from fitter.summary import rule
-from fitter.uncertainty import integration_share, intervals95, is_determined, spread, standard_errors
+from fitter.uncertainty import integration_share, intervals95, is_determined, standard_errors
 from renderer.errors import InputError
 
 SURE = 2.1  # standard errors that the largest of ten errors keeps to in 95 %: 1.96 where one dwarfs all others
@@ -214,7 +215,8 @@ def ascend(
 
 def outlook_of(fit: Fit, problem: Problem) -> Outlook:
     """What a fit expects."""
-    uncertainty, coordinates, kind = spread(fit.residuals, fit.x), fit.residuals.coordinates, fit.material.type
+    fit, uncertainty = reported(fit)
+    coordinates, kind = fit.residuals.coordinates, fit.material.type
     moved = _interpolation(fit)
     names: list[str] = []
     rows = []

@@ -15,8 +15,9 @@ from pathlib import Path
 
 import pytest
 
-from fitter import batch_crew, cli
-from fitter.batch import Asked, Batch
+from fitter import cli
+from fitter.batch import crew
+from fitter.batch.batch import Asked, Batch
 from fitter.fit_command import chosen
 from fitter.fit_options import FitOptions
 from fitter.passed_options import options_said
@@ -173,7 +174,7 @@ def test_again_for_nothing(story, monkeypatch, capsys, tmp_path):
     folder = shutil.copytree(story["folder"], tmp_path / "again")
     shutil.rmtree(folder / "wrong")
     before = {path: path.stat().st_mtime_ns for path in (folder / "out").glob("*/*")}
-    monkeypatch.setattr(batch_crew, "local_crew", None)
+    monkeypatch.setattr(crew, "local_crew", None)
     assert run(monkeypatch, "batch", folder, "-o", folder / "out", *QUICK, "--type", "matte") == 0
     told = capsys.readouterr().out
     assert "7 scenes: 7 converged; 7 of them fitted before. " in told
@@ -261,7 +262,7 @@ def test_a_running_dask_cluster_fits(clay, tmp_path, monkeypatch, capsys):
 
 
 def test_no_scheduler_there(clay, tmp_path, monkeypatch, capsys):
-    monkeypatch.setattr(batch_crew, "PATIENCE", 0.2)
+    monkeypatch.setattr(crew, "PATIENCE", 0.2)
     assert run(monkeypatch, "batch", clay, "-o", tmp_path / "out", "--scheduler", "tcp://127.0.0.1:9") == 2
     said = capsys.readouterr().err
     assert said.startswith("fit-material: --scheduler: is tcp://127.0.0.1:9, expected the address of a Dask scheduler")
@@ -269,7 +270,7 @@ def test_no_scheduler_there(clay, tmp_path, monkeypatch, capsys):
 
 
 def test_one_batch_at_a_time_in_a_folder(clay, tmp_path, monkeypatch, capsys):
-    from fitter.batch import alone_in
+    from fitter.batch.batch import alone_in
 
     with alone_in(tmp_path):
         assert run(monkeypatch, "batch", clay, "-o", tmp_path) == 2

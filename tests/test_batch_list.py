@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from fitter.batch_list import read_lists
+from fitter.batch.scene_list import read_lists
 from renderer.errors import InputError
 
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 from urllib.parse import quote
 
-from fitter.batch_summary import WORDS, Scene, Summary, json_text, sentence
-from fitter.batch_table import OPEN, lines, shown_of
+from fitter.batch.summary import WORDS, Scene, Summary, json_text, sentence
+from fitter.batch.table import OPEN, lines, shown_of
 from fitter.pages import page_templates
 from renderer.atomic import replaced_together, write_text_atomically
 

@@ -15,9 +15,9 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from fitter.batch_record import RECORD, Fitted, earlier, key_of, read_record
-from fitter.batch_summary import Scene, Summary, outcome, untouched
-from fitter.batch_worker import Ended, Task
+from fitter.batch.record import RECORD, Fitted, earlier, key_of, read_record
+from fitter.batch.summary import Scene, Summary, outcome, untouched
+from fitter.batch.worker import Ended, Task
 from fitter.fit_options import FitOptions
 from fitter.progress import Progress
 from fitter.result import Result, read_result
@@ -94,7 +94,7 @@ class Batch:
 
     def fit(self, names: list[str], crew: Crew, progress: Progress) -> None:
         """Fit those scenes and take their results over, each as soon as it is there."""
-        from fitter.batch_crew import fits
+        from fitter.batch.crew import fits
 
         done = 0
         self._where = crew.where
@@ -146,7 +146,7 @@ class Batch:
 
     def tell(self) -> None:
         """Write the summary."""
-        from fitter.batch_page import write_summary
+        from fitter.batch.page import write_summary
 
         write_summary(self.summary, self.out)
 

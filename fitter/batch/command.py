@@ -20,8 +20,8 @@ from fitter.progress import Progress, progress_bar
 from renderer.errors import InputError
 
 if TYPE_CHECKING:
-    from fitter.batch import Asked, Batch, Crew
-    from fitter.batch_list import Listed
+    from fitter.batch.batch import Asked, Batch, Crew
+    from fitter.batch.scene_list import Listed
 
 LISTS = (
     "Text files with a scene file a line, and options of fit behind it; folders, whose every scene.toml is fitted;"
@@ -59,14 +59,14 @@ def batch(
     What has a result of the same files and options is not fitted again. Exit code 0: every scene has a usable material;
     1: some have not, which the summary tells; 2: the list or an option is wrong, and nothing was fitted.
     """
-    from fitter.batch_list import read_lists
+    from fitter.batch.scene_list import read_lists
 
     if scheduler is not None and workers is not None:
         raise InputError("--workers", value=workers, expected="no number beside --scheduler, which has its own")
     scenes = {name: _asked(listed, options) for name, listed in read_lists(lists).items()}
     with progress_bar(quiet) as progress:
         progress("starting", 0)
-        from fitter.batch import Batch, alone_in
+        from fitter.batch.batch import Batch, alone_in
 
         with alone_in(out):
             found = Batch(scenes, out, shlex.join(["fit-material", *sys.argv[1:]]))
@@ -79,7 +79,7 @@ def batch(
 
 def _asked(listed: Listed, options: Mapping[str, Any]) -> Asked:
     """A line's options take the place of the command's."""
-    from fitter.batch import Asked
+    from fitter.batch.batch import Asked
     from fitter.consistent import require_consistent
 
     try:
@@ -98,7 +98,7 @@ def _asked(listed: Listed, options: Mapping[str, Any]) -> Asked:
 
 def _run(batch: Batch, crew: Callable[[int], Crew], progress: Progress) -> str:
     """Fit what is left, and write the summary; a sentence on why scenes are left all the same, or ""."""
-    from fitter.batch_crew import Lost
+    from fitter.batch.crew import Lost
 
     try:
         left = batch.look_up(progress)
@@ -123,8 +123,8 @@ def _done(batch: Batch) -> str:
 
 def _crew(scheduler: str | None, workers: int | None, cores: int | None, scenes: int) -> Crew:
     """For so many scenes."""
-    from fitter.batch import Crew
-    from fitter.batch_crew import distant_crew, local_crew, usual_workers
+    from fitter.batch.batch import Crew
+    from fitter.batch.crew import distant_crew, local_crew, usual_workers
     from renderer import threads
 
     if scheduler is not None:
@@ -136,7 +136,7 @@ def _crew(scheduler: str | None, workers: int | None, cores: int | None, scenes:
 
 
 def _print(batch: Batch) -> None:
-    from fitter.batch_table import terminal_table
+    from fitter.batch.table import terminal_table
 
     say(terminal_table(batch.summary, shutil.get_terminal_size().columns if sys.stdout.isatty() else None))
     say(f"summary: {batch.out / 'summary.html'}")

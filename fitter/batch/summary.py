@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Literal
 
-from fitter.batch_record import Fitted
+from fitter.batch.record import Fitted
 from fitter.result import FittedMaterial, NonNegative, Record, Result
 
 State = Literal["converged", "not_determined", "stopped", "wrong_input", "failed", "pending"]

@@ -13,7 +13,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any, Literal
 
-from fitter.batch_record import key_of, write_record
+from fitter.batch.record import key_of, write_record
 from fitter.fit_options import FitOptions
 from renderer.errors import InputError
 from renderer.threads import limit_cores

@@ -10,7 +10,7 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from fitter.batch_summary import WORDS, Scene, Summary, sentence
+from fitter.batch.summary import WORDS, Scene, Summary, sentence
 from fitter.frontier_table import WIDTH
 from fitter.remarks import decimals
 from fitter.result import FittedMaterial

@@ -11,7 +11,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from typing import TYPE_CHECKING
 
-from fitter.batch_worker import Ended, Task, fit_one
+from fitter.batch.worker import Ended, Task, fit_one
 from renderer.errors import InputError
 from renderer.threads import cores
 
@@ -51,7 +51,7 @@ def local_crew(workers: int) -> Iterator[Client]:
             dashboard_address=None,  # type: ignore[arg-type] — none, says its documentation
             silence_logs=logging.CRITICAL,
             local_directory=folder,
-            preload=["fitter.batch_worker"],
+            preload=["fitter.batch.worker"],
         )
         with cluster, Client(cluster) as client:
             yield client
