@@ -15,7 +15,6 @@ from fitter.pixel_model import DIFFUSE_DEGREE, PixelModel, central, exact_pixels
 from fitter.reflectances import REFLECTANCES
 from fitter.textured_pixels import TintedPixels
 from renderer import cubemap, transport
-from renderer.cubemap import Cubemap
 from renderer.environment import Environment
 from renderer.footprint import middle
 from renderer.gbuffer import GBuffer
@@ -29,8 +28,9 @@ from shaders.effects import NAMES
 from shaders.materials import Material
 from shaders.shade import DirectionalLight
 
-DIFFUSE_FACE_SIZE = 24  # texels of 3.75°: a cosine is interpolated to 5e-4
-MOST_DIFFUSE = 2 * 6 * DIFFUSE_FACE_SIZE**2  # pixels: of more, diffuse light is looked up by their normals
+DIFFUSE_FACE_SIZE = 48  # texels of 1.9°: under softboxes 4e-4 of the light in the root mean square, most of it where
+DIFFUSE_MARGIN = 3  # one of them sets; a tenth of that in the lit half, as much as `diffuse_table`'s blocks leave
+MOST_DIFFUSE = 6 * (DIFFUSE_FACE_SIZE + 2 * DIFFUSE_MARGIN) ** 2  # pixels: of more, it is looked up by their normals
 MOST_OCCLUDED = 2000  # pixels of a picture for which rays look in all directions; of more, in a few
 
 
@@ -185,12 +185,13 @@ class Setting:
         if occluder is not None and (not shown or len(surface.hit) <= MOST_OCCLUDED):
             before = occluder, occluder.origins(surface)
             return diffuse_table(surface.normal, self._near, DIFFUSE_DEGREE, before)
-        found = cubemap.lookup(self._diffuse_by_normal, surface.normal).reshape(-1, DIFFUSE_DEGREE, 3)
+        found = cubemap.smooth_lookup(self._diffuse_by_normal, DIFFUSE_MARGIN, surface.normal)
+        found = found.reshape(-1, DIFFUSE_DEGREE, 3)
         return found if occluder is None else found * occluder.openness(surface)[:, None, None].to(found)
 
     @cached_property
-    def _diffuse_by_normal(self) -> Cubemap:
-        """The table of every normal, for whole pictures: between its texels it is smooth."""
-        normals = cubemap.face_directions(DIFFUSE_FACE_SIZE).flatten(0, 2)
-        table = diffuse_table(normals, self._near, DIFFUSE_DEGREE)
-        return Cubemap(table.reshape(6, DIFFUSE_FACE_SIZE, DIFFUSE_FACE_SIZE, -1))
+    def _diffuse_by_normal(self) -> Float[Tensor, "6 m m c"]:
+        """The table of every normal, for many pixels: between its texels it is smooth."""
+        normals = cubemap.face_directions(DIFFUSE_FACE_SIZE, DIFFUSE_MARGIN)
+        table = diffuse_table(normals.flatten(0, 2), self._near, DIFFUSE_DEGREE)
+        return table.reshape(*normals.shape[:3], -1)

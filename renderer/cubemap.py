@@ -90,6 +90,44 @@ def lookup(cubemap: Cubemap, directions: Float[Tensor, "*p 3"]) -> Float[Tensor,
     return found[0, :, :, 0].T.reshape(*directions.shape[:-1], -1)
 
 
+def smooth_lookup(
+    bordered: Float[Tensor, "6 m m c"], margin: int, directions: Float[Tensor, "*p 3"]
+) -> Float[Tensor, "*p c"]:
+    """The value in each direction of what is smooth, by polynomials of degree five through 6 × 6 texels.
+
+    Bilinear lookups lie within the texels' values: below a curve's crests and above its troughs, everywhere.
+
+    Args:
+        bordered: the six faces at `face_directions(size, margin)`.
+        margin: at least 3, so that texels lie on all sides of each place.
+        directions: need not be unit length, must not be zero.
+
+    Returns:
+        values [*p, c] in the faces' dtype.
+    """
+    width = bordered.shape[1]
+    size = width - 2 * margin
+    face, *position = face_position(directions.reshape(-1, 3).double())
+    (column, by_column), (row, by_row) = (_around((each + 1) * size / 2 - 0.5 + margin) for each in position)
+    texel = (face[:, None, None] * width + row[:, :, None]) * width + column[:, None, :]
+    weight = (by_row[:, :, None] * by_column[:, None, :]).to(bordered)
+    found = torch.nn.functional.embedding_bag(
+        texel.flatten(1), bordered.flatten(0, 2), per_sample_weights=weight.flatten(1), mode="sum"
+    )
+    return found.reshape(*directions.shape[:-1], -1)
+
+
+def _around(place: Float[Tensor, " p"]) -> tuple[Int[Tensor, "p 6"], Float[Tensor, "p 6"]]:
+    """The six whole numbers around each place, and the weights of Lagrange's polynomial through them."""
+    first = place.floor() - 2
+    steps = torch.arange(6, dtype=place.dtype)
+    away = (place - first)[:, None, None] - steps
+    apart = steps[:, None] - steps
+    own = torch.eye(6, dtype=torch.bool)
+    weight = torch.where(own, 1.0, away / torch.where(own, 1.0, apart)).prod(-1)
+    return (first[:, None] + steps).long(), weight
+
+
 def with_margin(faces: Float[Tensor, "6 n n c"]) -> Float[Tensor, "6 n+2 n+2 c"]:
     """Each face with a border of one texel, taken from its neighbours as GL's seamless filtering takes it.
 

@@ -185,3 +185,22 @@ def test_derivatives_meet_finite_differences():
     faces = random_faces(size).requires_grad_()
     assert torch.autograd.gradcheck(lambda d: cubemap.lookup(Cubemap(faces.detach()), d), towards)
     assert torch.autograd.gradcheck(lambda f: cubemap.lookup(Cubemap(f), towards.detach()), faces)
+
+
+@pytest.mark.parametrize("size", [4, 12])
+def test_polynomials_of_degree_five_are_looked_up_as_they_are(size):
+    """On each face's plane, of its own; up to the faces' edges and corners."""
+    generator = torch.Generator().manual_seed(5)
+    factors = torch.rand(6, 6, 6, dtype=torch.float64, generator=generator)
+
+    def value(directions):
+        face, right, down = cubemap.face_position(directions)
+        powers = [place[..., None] ** torch.arange(6) for place in (down, right)]
+        return torch.einsum("...i,...ij,...j->...", powers[0], factors[face], powers[1])[..., None]
+
+    centre = (2 * torch.arange(-3, size + 3, dtype=torch.float64) + 1) / size - 1
+    powers = centre[:, None] ** torch.arange(6)
+    bordered = torch.einsum("ri,fij,cj->frc", powers, factors, powers)[..., None]
+    towards = torch.randn(500, 3, dtype=torch.float64, generator=generator)
+    towards = torch.cat([towards, float64([[1.0, 0.999999, -0.999999], [-1.0, 0.2, 0.9999], [0.0, 0.0, 1.0]])])
+    torch.testing.assert_close(cubemap.smooth_lookup(bordered, 3, towards), value(towards), rtol=1e-9, atol=1e-9)

@@ -2,11 +2,14 @@
 
 import functools
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 import torch
 
+from fitter.fidelity import preset
+from fitter.setting import MOST_DIFFUSE, Setting
 from renderer import chebyshev, irradiance, latlong, reflectance_basis, transport
 from renderer.environment import Environment, directions, read_environment
 from renderer.mesh import Sphere
@@ -14,6 +17,7 @@ from renderer.studio import studio, sun_and_sky, texel_solid_angles
 from renderer.to_mitsuba import envmap, mitsuba, mitsuba_shape, sensor
 from shaders import fresnel, plastic
 from shaders.lobe import Distribution
+from shaders.materials import Matte
 from tests.test_transport import ball, lit_room, table_at
 
 MAPS = [
@@ -131,6 +135,24 @@ def test_ten_polynomials_carry_the_transmittance(distribution, eta):
         assert error.abs().max() < 8e-3  # at grazing angles, α = 0.01; the tenth node of √c lies at c = 0.0009
         assert (cos * error).abs().max() < 1.3e-3  # one lamp
         assert abs(float((4 * root**3 * error).mean())) < 2e-4  # even light
+
+
+def test_the_light_of_many_pixels_is_that_of_each():
+    """Looked up by normals, where there are many; every texel's sum for some of the lit ones.
+
+    Light over normals is bent like a cosine, and chords of one lie below it: a fitted colour is off by their distance.
+    """
+    environment, few = made("studio"), all_round(200)
+    surface = ball(8, 1)[3][:1, 0]
+    many = surface[torch.zeros(MOST_DIFFUSE + 1, dtype=torch.long)]
+    many = replace(many, normal=few[torch.arange(len(many.hit)) % len(few)])[:, None]
+    pixels = Setting(environment, (), preset("standard")).pixels(many, body=True)
+    found = pixels.radiance(Matte(float64([1.0] * 3), float64([1.0] * 3)))[: len(few)]
+    expected = by_texel(environment, few, 1)[:, 0]
+    lit = expected > 0.1 * expected.max()
+    error = (found / expected - 1)[lit]
+    assert error.square().mean().sqrt() < 3e-4  # the blocks' own
+    assert abs(float(error.mean())) < 3e-5
 
 
 def test_black_surroundings_and_no_normals():
