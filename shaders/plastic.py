@@ -48,7 +48,8 @@ def transmittance(
         T(µ) = ∫ D_v(h) (1 - F(v·h; η)) G1(t) dω_h,    t = v refracted at h
         [Walter 2007, eq. 21, over the visible normals D_v of Heitz 2018]
 
-    1 - F(µ) in the limit α → 0. Light that is shadowed below the interface is lost, as in Mitsuba.
+    1 - F(µ) in the limit α → 0. Light that is shadowed below the interface is lost, as in Mitsuba, whose table of T by
+    1024 facets is up to 4e-4 too high: light passes twice, and a color from its pictures comes out so much too bright.
 
     Args:
         mu: µ, cosine between the surface normal and the direction outside, in [0, 1].

@@ -171,10 +171,7 @@ ROWS = (
             lambda eta, alpha: plastic.outcoupling(eta, alpha, "ggx"),
             grid(eta=(1.2, 1.6, 2.5, 10.0), alpha=(0.005, 0.1, 1.0)),
             {"eta": (1, 100), "alpha": (0, 2)},
-            {
-                "eta": 0.01,
-                "alpha": 0.0005,
-            },  # steps so short that they pass few of the kinks where facets meet the horizon
+            {"eta": 0.01, "alpha": 0.0005},  # steps that pass few of the kinks where facets meet the horizon
         ),
         (FINITE, gradient(), float32(2000)),
         "float64, 1 - R ≥ 1/1000 magnifying roundings of 1; finite differences",
