@@ -38,7 +38,7 @@ needs_proc = pytest.mark.skipif(not Path("/proc/self/cmdline").exists(), reason=
 @pytest.fixture(scope="module")
 def clay(tmp_path_factory) -> Path:
     """A small scene of a matte ball."""
-    options = SynthOptions(TrueMatte((0.5, 0.3, 0.2)), size=32, spp=1024, views=2)
+    options = SynthOptions(TrueMatte((0.5, 0.3, 0.2)), size=32, spp=4096, views=2)
     return synthesise(options, tmp_path_factory.mktemp("clay"))
 
 
