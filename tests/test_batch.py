@@ -59,8 +59,9 @@ def taken_over(out: Path) -> list[str]:
 
 
 def under_way(out: Path) -> set[tuple[str, int]]:
-    """Name and process of fits that have begun and not ended."""
-    begun = [folder for folder in out.glob(".unfinished-*/*/*") if not (folder / "batch.json").exists()]
+    """Name and process of fits that have begun and not ended; `Path.glob` fails where a folder goes meanwhile."""
+    folders = map(Path, glob(str(out / ".unfinished-*" / "*" / "*")))
+    begun = [folder for folder in folders if not (folder / "batch.json").exists()]
     return {(each.parent.name, int(each.name.partition("-")[0])) for each in begun if each.parent.name != "wrong"}
 
 
