@@ -66,9 +66,10 @@ def reported(fit: Fit) -> tuple[Fit, Spread]:
     coordinates, uncertainty = fit.residuals.coordinates, spread(fit.residuals, fit.x)
     if not isinstance(coordinates, MatteCoordinates):
         return fit, uncertainty
-    if not coordinates.beyond_lambert(fit.x).any():
+    held = coordinates.beyond_lambert(fit.x)
+    if not held.any():
         return fit, uncertainty
-    lambertian = _lambertian(fit, coordinates, coordinates.beyond_lambert(fit.x))
+    lambertian = _lambertian(fit, coordinates, held)
     holding = lambertian.residuals.coordinates
     assert isinstance(holding, LambertianCoordinates)
     own = spread(lambertian.residuals, lambertian.x).covariance
@@ -100,7 +101,7 @@ def _below_lambert(
 
 
 def _cut_off(z: Float[Tensor, " h"]) -> Float[Tensor, " h"]:
-    """E[u² | u < 0] of a normal u of mean z and variance 1: 1 + z² - z φ(z)/Φ(-z) [Tallis 1961, eq. 3]."""
+    """E[u² | u < 0] of a normal u of mean z and variance 1: 1 + z² - z φ(z)/Φ(-z) [Johnson et al. 1994, §13.10.1]."""
     hazard = math.sqrt(2 / math.pi) / torch.special.erfcx(z / math.sqrt(2))
     return (1 + z**2 - z * hazard).clamp(0, 1)
 
