@@ -1,6 +1,8 @@
 """How often 95 % intervals hold the truth: noise drawn again and again, every draw fitted in this process.
 
 The choice of pixels and the integration draw anew each time, too: their errors are part of what intervals promise.
+So are photographs traced anew where noise is added to them: what they have of their own is small beside it on average,
+but not where a pixel mirrors a lamp, and of one photograph it would stand in every draw as if it were a bias.
 """
 
 from __future__ import annotations
@@ -24,13 +26,13 @@ from renderer.atomic import write_bytes_atomically
 from renderer.threads import one_thread_per_operation
 from tests.bench.estimates import Estimate, estimate_of, true_numbers
 from tests.bench.fits import How, in_processes
-from tests.bench.grid import NAMES, NOISE, Selection, share
+from tests.bench.grid import NAMES, NOISE, SPP, Selection, share
 from tests.bench.noise import pictures_of
-from tests.bench.photographs import MEASURED, Case
+from tests.bench.photographs import Case
 
 SIZE = 64
 CASES = (Case("Au", 0.2, "studio_small_03", size=SIZE), Case("Fe", 0.1, "rooitou_park", size=SIZE))
-NEARLY_CLEAN, NOISY = 16384, 256  # samples a pixel: a tenth of the noise that is added to it; and as much as that
+SAMPLES = {"added": SPP, "traced": 256}  # a pixel: as in the grid that noise is added to; and as much noise as that
 MOST = 200  # renders that are kept
 SEED = 40_000
 
@@ -46,8 +48,8 @@ class Draws:
 
     @property
     def title(self) -> str:
-        noise = f"{NOISE:.0%} added to {NEARLY_CLEAN} spp" if self.kind == "added" else f"Mitsuba's, {NOISY} spp"
-        return f"{self.case.label} | {noise}"
+        noise = f"Mitsuba's, {SAMPLES[self.kind]} spp"
+        return f"{self.case.label} | {noise}" + (f", and {NOISE:.0%} added" if self.kind == "added" else "")
 
 
 def rows(variant: str, selection: Selection) -> Iterator[str]:
@@ -80,8 +82,7 @@ def _moments(deviations: np.ndarray) -> str:
 
 def _fitted(draws: Draws, index: int) -> Estimate:
     """The fit of one draw."""
-    case = replace(draws.case, spp=NEARLY_CLEAN)
-    scene = case.scene(draws.variant)
+    scene = draws.case.scene(draws.variant)
     loaded = load(scene)
     drawn = _draw(draws, index)
     photographs = Album.of(
@@ -98,23 +99,21 @@ def _fitted(draws: Draws, index: int) -> Estimate:
 
 
 def _draw(draws: Draws, index: int) -> Float[np.ndarray, "v h w 3"]:
+    traced = _photographs(draws)[index]
     if draws.kind == "traced":
-        return _photographs(draws)[index]
-    clean = _photographs(draws)
-    noise = np.random.default_rng([SEED, index]).normal(size=clean.shape)
-    return (clean * (1 + NOISE * noise)).astype(np.float32)
+        return traced
+    noise = np.random.default_rng([SEED, index]).normal(size=traced.shape)
+    return (traced * (1 + NOISE * noise)).astype(np.float32)
 
 
 @lru_cache(maxsize=1)
-def _photographs(draws: Draws) -> Float[np.ndarray, "*d v h w 3"]:
-    """The nearly clean photographs, or all of the traced ones, which are kept beside them."""
-    case = replace(draws.case, spp=NEARLY_CLEAN)
-    scene = case.scene(draws.variant)
-    if draws.kind == "added":
-        return np.stack([photograph.radiance.numpy() for photograph in load(scene).photographs])
-    kept = scene.with_name(f"traced-{MOST}x{NOISY}{MEASURED}")
+def _photographs(draws: Draws) -> Float[np.ndarray, "d v h w 3"]:
+    """All traced photographs; those of an earlier run where they are kept."""
+    samples = SAMPLES[draws.kind]
+    kept = draws.case.measured(f"traced-{MOST}x{samples}", draws.variant)
     if not kept.exists():
-        views = pictures_of(case, draws.variant, [NOISY] * MOST, SEED)
+        kept.parent.mkdir(parents=True, exist_ok=True)
+        views = pictures_of(draws.case, draws.variant, [samples] * MOST, SEED + samples)
         file = io.BytesIO()
         np.savez(file, pixels=np.stack([np.stack([picture[..., :3] for picture in view]) for view in views], 1))
         write_bytes_atomically(kept, file.getvalue())
