@@ -88,5 +88,4 @@ def _criteria(fits: Mapping[MaterialType, Fit]) -> dict[MaterialType, float]:
 
 def _relative_difference(fit: Fit) -> Float[Tensor, "p 3"]:
     factors = fit.residuals.factors(fit.x)
-    seen = fit.residuals.photograph / factors
-    return (fit.picture / factors - seen) * relative_weight(seen)
+    return fit.residuals.difference(fit.x) / factors * relative_weight(fit.residuals.photograph / factors)

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 import torch
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 from torch import Tensor
 
 from renderer.gbuffer import GBuffer
@@ -42,6 +42,7 @@ def local_whitening(
     picture: Float[Tensor, "p 3"],
     neighbours: Int[Tensor, "p q"],
     least: float,
+    bounded: Bool[Tensor, " p"] | None = None,
 ) -> Float[Tensor, "p 3 3"]:
     """W of each pixel, from the relative differences that its neighbours show, whitened by Cholesky's factor.
 
@@ -53,6 +54,7 @@ def local_whitening(
         picture: the model's, which says how bright each pixel is.
         neighbours: their indices; see `neighbours_of`.
         least: relative standard deviation below which no noise is believed.
+        bounded: pixels of whose channels bounds are known, one by one; they are nobody's neighbours.
     """
     level = _level(picture)
     of_neighbours = _without_outliers((difference / level)[neighbours])
@@ -62,24 +64,33 @@ def local_whitening(
     covariance = covariance + floor[:, None, None] * torch.eye(3, dtype=covariance.dtype)
     lower = torch.linalg.cholesky(covariance)
     brightness = level[neighbours].mean(1)
-    return torch.linalg.solve_triangular(lower, torch.diag_embed(1 / brightness), upper=False)
+    whitening = torch.linalg.solve_triangular(lower, torch.diag_embed(1 / brightness), upper=False)
+    if bounded is None:
+        return whitening
+    bound = torch.maximum(picture - difference, brightness)  # what clips is brighter than what is beside it
+    alone = torch.diag_embed(1 / (bound * covariance.diagonal(dim1=1, dim2=2).sqrt()))
+    return torch.where(bounded[:, None, None], alone, whitening)
 
 
-def neighbours_of(surface: GBuffer, count: int = NEIGHBOURS) -> Int[Tensor, "p q"]:
+def neighbours_of(
+    surface: GBuffer, count: int = NEIGHBOURS, left_out: Bool[Tensor, " p"] | None = None
+) -> Int[Tensor, "p q"]:
     """The pixels that see the surface and its surroundings most alike: by normal and view, each one's own left out.
 
     Args:
         surface: [p] rays.
         count: neighbours wanted; there are fewer where there are fewer pixels, and a lone pixel is its own.
+        left_out: pixels that are nobody's neighbours.
     """
     from scipy.spatial import KDTree
 
     place = torch.cat([surface.normal, APART * surface.view], -1).numpy()
-    count = min(count, len(place) - 1)
+    among = torch.arange(len(place)) if left_out is None else (~left_out).nonzero()[:, 0]
+    count = min(count, len(among) - 1)
     if count < 1:
-        return torch.zeros(len(place), 1, dtype=torch.long)
-    _, nearest = KDTree(place).query(place, count + 1, workers=-1)
-    return torch.from_numpy(np.asarray(nearest)[:, 1:])
+        return among[:1].expand(len(place), 1)
+    _, nearest = KDTree(place[among.numpy()]).query(place, count + 1, workers=-1)
+    return among[torch.from_numpy(np.asarray(nearest)[:, 1:])]
 
 
 def _level(radiance: Float[Tensor, "p 3"]) -> Float[Tensor, "p 3"]:

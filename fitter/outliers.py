@@ -45,14 +45,14 @@ class OutlierMap:
 def outlier_maps(
     parts: Sequence[FittedPart], thumbnails: Sequence[Thumbnail], views: Sequence[ViewPictures]
 ) -> list[OutlierMap]:
-    """Of every photograph of which pixels were fitted.
+    """Of every photograph of which pixels were fitted, but for clipped ones: of these there is no difference.
 
     Args:
         parts: the fits of all materials.
         thumbnails, views: of all photographs.
     """
-    place = torch.cat([part.observed.place for part in parts])
-    deviation, weight = (torch.cat(each) for each in zip(*(judged(part.choice.fit) for part in parts), strict=True))
+    place = torch.cat([part.observed.measured.place for part in parts])
+    deviation, weight = (torch.cat(each) for each in zip(*(_of_measured(part) for part in parts), strict=True))
     maps = []
     for index, (thumbnail, view) in enumerate(zip(thumbnails, views, strict=True)):
         own = place[:, 0] == index
@@ -78,6 +78,11 @@ def judged(fit: Fit) -> tuple[Float[Tensor, " p"], Float[Tensor, " p"]]:
     share = residuals.robust_whitening(x).norm(dim=(1, 2)) / residuals.whitening.norm(dim=(1, 2))
     weight = (share * usual / noise).square().clamp_max(1)
     return residuals.difference(x).mean(-1) / usual, weight
+
+
+def _of_measured(part: FittedPart) -> tuple[Float[Tensor, " p"], ...]:
+    bounded = part.observed.bounded
+    return tuple(each if bounded is None else each[~bounded] for each in judged(part.choice.fit))
 
 
 def outlier_sentences(maps: Sequence[OutlierMap]) -> list[str]:

@@ -222,7 +222,7 @@ def _part(index: int, name: str, observed: Observations, choice: Choice, setting
         tint = None
         if isinstance(model, SpottedPixels) and isinstance(fit.material, Glossy):
             tint = model.tint(fit.material)
-        rho = viewer_roughness(observed, setting.viewers, fit.material, tint)
+        rho = viewer_roughness(observed.measured, setting.viewers, fit.material, tint)
     borrowed = borrow(fit, uncertainty, prior)
     material = fitted_material(name, fit, uncertainty, rho, nearest, borrowed)
     told = describe(choice, material, seen_by(fit, observed, guessed(fit, uncertainty)), borrowed)

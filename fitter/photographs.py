@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
 
@@ -41,6 +41,8 @@ class Photograph:
         lossy: whether a file is compressed by blocks, within which errors go together.
         outline: pixels that are mostly the object's, by alpha channel and mask as they are, [h, w]; None without
             either.
+        full: pixels left out of which a channel is known to be clipped itself, [h, w]; None where none is.
+        white: radiance from which on each channel is, [3]; None with `full`.
     """
 
     name: str
@@ -53,6 +55,17 @@ class Photograph:
     inputs: tuple[InputFile, ...] = ()
     lossy: bool = False
     outline: Bool[Tensor, "h w"] | None = None
+    full: Bool[Tensor, "h w"] | None = None
+    white: Float[Tensor, "3"] | None = None
+
+    @property
+    def of_bounds(self) -> Photograph | None:
+        """What is known of clipped pixels, in the place of the others: their channels' least radiance, 0 where that is
+        all that is known; None where there are none."""
+        if self.full is None or self.white is None:
+            return None
+        least = torch.where(self.radiance >= self.white, self.white, 0.0)
+        return replace(self, radiance=least, mask=self.full, full=None, white=None)
 
 
 def known_exposure(exposure: float | Literal["fit"]) -> float:
@@ -95,6 +108,10 @@ def read_photograph(spec: PhotographSpec, scene_file: str | Path, index: int = 0
     if wrong is not None:
         raise InputError(scene_file, f"{field}.image", f"{spec.image.name}{wrong[0]}", wrong[1])
     height, width = inside.shape
+    full = None
+    if seen.white is not None:
+        full = inside & finite & clipped & (radiance >= seen.white).any(-1)
+    bounded = full is not None and bool(full.any())
     return Photograph(
         name=spec.image.stem,
         radiance=radiance,
@@ -106,6 +123,8 @@ def read_photograph(spec: PhotographSpec, scene_file: str | Path, index: int = 0
         inputs=_inputs(spec),
         lossy=any(path.suffix.lower() in LOSSY for path in spec.images or (spec.image,)),
         outline=torch.stack(outlines).all(0) if outlines else None,
+        full=full if bounded else None,
+        white=seen.white if bounded else None,
     )
 
 

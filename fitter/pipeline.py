@@ -228,9 +228,11 @@ def _remarks(loaded: Loaded, parts: Sequence[FittedPart], fidelity: Fidelity) ->
     """What of the input was left out or replaced, and what the model cannot follow, a sentence each."""
     seen = loaded.photographs.thumbnails
     clipped, nonfinite = (sum(getattr(each, key) for each in seen) for key in ("clipped", "nonfinite"))
+    bounded = sum(int(part.observed.bounded.sum()) for part in parts if part.observed.bounded is not None)
+    bounds = f", but that {bounded} of them are white at least" if bounded else ""
     counts = [
         (loaded.environment.repaired, "texels of the environment were negative or not finite and were replaced"),
-        (clipped, "clipped pixels of the photographs were left out"),
+        (clipped, f"clipped pixels of the photographs were left out{bounds}"),
         (nonfinite, "pixels of the photographs were not finite and were left out"),
     ]
     remarks = [f"{count} {sentence}." for count, sentence in counts if count]

@@ -78,14 +78,15 @@ class Problem:
 
     @cached_property
     def coarse(self) -> Problem:
-        """The same with the search's pixels alone."""
-        every = max(1, round(len(self.observed.radiance) / self.fidelity.search_pixels))
-        return self if every == 1 else replace(self, observed=self.observed[::every])
+        """The same with the search's pixels alone, of which all are measured."""
+        measured = self.observed.measured
+        every = max(1, round(len(measured.radiance) / self.fidelity.search_pixels))
+        return self if every == 1 and measured is self.observed else replace(self, observed=measured[::every])
 
     @cached_property
     def neighbours(self) -> Int[Tensor, "p q"]:
-        """Of each pixel, those that are most like it."""
-        return neighbours_of(central(self.observed.surface))
+        """Of each pixel, those measured that are most like it."""
+        return neighbours_of(central(self.observed.surface), left_out=self.observed.bounded)
 
     @cached_property
     def search_table(self) -> LightTable:

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import torch
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 from torch import Tensor
 
 from fitter.derivative import jacobian
@@ -18,6 +18,7 @@ from fitter.turning import TurnedPixels
 ROBUST_AT = (
     6.0  # standard deviations: a path tracer's noise is skewed, and a nearer threshold would favour its low side
 )
+LIFTED = 2.0  # standard deviations by which noise may have lifted what was clipped: it is what was lifted that is
 
 
 @dataclass(frozen=True)
@@ -32,6 +33,7 @@ class Residuals:
         gains: factors on the picture that are fitted, too, their free numbers behind the material's; None where the
             photograph is the radiance.
         clusters: a number for each pixel, the same for those whose errors go together; None where all are independent.
+        bounded: pixels of which the photograph tells lower bounds, whose whitening is diagonal; None where none is.
     """
 
     model: PixelModel
@@ -40,6 +42,7 @@ class Residuals:
     whitening: Float[Tensor, "p 3 3"]
     gains: Gains | None = None
     clusters: Int[Tensor, " p"] | None = None
+    bounded: Bool[Tensor, " p"] | None = None
 
     @cached_property
     def halves(self) -> tuple[Residuals, Residuals]:
@@ -68,8 +71,14 @@ class Residuals:
         return x[self.coordinates.size :]
 
     def difference(self, x: Float[Tensor, " x"]) -> Float[Tensor, "p 3"]:
-        """Model less photograph."""
-        return self.picture(x) - self.photograph
+        """Model less photograph; of lower bounds, what is missing to them and to what noise may have lifted there."""
+        return self._missing(self.picture(x) - self.photograph)
+
+    def _missing(self, difference: Float[Tensor, "p 3"]) -> Float[Tensor, "p 3"]:
+        if self.bounded is None:
+            return difference
+        lifted = LIFTED / self.whitening.diagonal(dim1=1, dim2=2)
+        return torch.where(self.bounded[:, None], (difference + lifted).clamp_max(0), difference)
 
     def whitened(self, x: Float[Tensor, " x"]) -> Float[Tensor, "p 3"]:
         """The differences, their noise made independent and of variance 1; outliers count by their size alone."""
@@ -111,13 +120,18 @@ class Residuals:
         """The whitening, lessened for outliers: where halves agree, least squares with it has the robust loss's slope.
 
         Light that was integrated badly is no outlier where the mean of its halves happens to fit: beyond the same
-        threshold the variance that they tell counts in the place of the noise's.
+        threshold the variance that they tell counts in the place of the noise's. Bounds that are kept count nothing.
         """
-        share = (ROBUST_AT / self._length(self.difference(x)).clamp_min(ROBUST_AT)).sqrt()
+        difference = self.difference(x)
+        share = (ROBUST_AT / self._length(difference).clamp_min(ROBUST_AT)).sqrt()
         if self.model.table is not None:
             first, second = (half.difference(x) for half in self.halves)
             share = share * ROBUST_AT / self._length((first - second) / 2).clamp_min(ROBUST_AT)
-        return self.whitening * share[:, None, None]
+        whitening = self.whitening * share[:, None, None]
+        if self.bounded is None:
+            return whitening
+        kept = self.bounded[:, None] & (difference == 0)
+        return torch.where(kept[:, :, None], 0.0, whitening)
 
     def _length(self, difference: Float[Tensor, "p 3"]) -> Float[Tensor, " p"]:
         """In standard deviations of the noise."""

@@ -197,7 +197,8 @@ def _next_round(problem: Problem, before: Fit, table: LightTable | None, everywh
     whitening = _whitening(problem, shown.radiance(before.material), seen / factors)
     if gains is not None:
         whitening = whitening / factors[:, None]
-    residuals = Residuals(model, coordinates, seen, whitening, gains, problem.observed.clusters)
+    observed = problem.observed
+    residuals = Residuals(model, coordinates, seen, whitening, gains, observed.clusters, observed.bounded)
     start = torch.cat([coordinates.free(before.material), beside])
     starts = [start, *coordinates.elsewhere(start)] if everywhere else [start]
     solution = solved(residuals, starts, problem.solver)
@@ -212,7 +213,8 @@ def _whitening(problem: Problem, picture: Float[Tensor, "p 3"], seen: Float[Tens
     noise: then all photographs' pixels weigh relatively alike.
     """
     if not problem.fidelity.blurs:
-        return local_whitening(picture - seen, picture, problem.neighbours, EXACT) * problem.observed.freedom**0.5
+        local = local_whitening(picture - seen, picture, problem.neighbours, EXACT, problem.observed.bounded)
+        return local * problem.observed.freedom**0.5
     weight = relative_weight(seen)
     return even_whitening(weight, max(scatter((picture - seen) * weight), EXACT))
 

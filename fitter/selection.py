@@ -24,6 +24,7 @@ EDGED = 7  # rays along a pixel's side at least where most pixels have an edge i
 MANY = 1 << 20  # pixels of a photograph that are shuffled as a whole
 JPEG_BLOCK = 16  # pixels, of whose colours most cameras keep every second in either direction, in blocks of eight
 CANDIDATES = 4  # per pixel that is wanted, so that the rare grazing ones are among them
+BOUNDS = 8  # one clipped pixel at most for so many that are wanted: it tells less than they do, and costs as much
 
 
 @dataclass(frozen=True)
@@ -40,6 +41,8 @@ class Observations:
         lossy: photographs that are compressed by blocks.
         spot: which place of the surface each pixel sees, where they were chosen so that several see the same; None
             where the material is taken for even.
+        bounded: pixels that are clipped, of which the radiance is a lower bound, channel by channel; None where none
+            is among them.
     """
 
     surface: GBuffer
@@ -50,6 +53,7 @@ class Observations:
     place: Int[Tensor, "p 3"]
     lossy: frozenset[int] = frozenset()
     spot: Int[Tensor, " p"] | None = None
+    bounded: Bool[Tensor, " p"] | None = None
 
     @property
     def clusters(self) -> Int[Tensor, " p"] | None:
@@ -64,10 +68,19 @@ class Observations:
     def __getitem__(self, index: slice) -> Observations:
         """Some of the pixels; of spots all pixels of some."""
         if self.spot is None:
-            return replace(self, surface=self.surface[index], radiance=self.radiance[index], place=self.place[index])
+            return self._at(index)
         chosen = torch.isin(self.spot, self.spot.unique()[index])
         taken = {key: getattr(self, key)[chosen] for key in ("surface", "radiance", "place", "spot")}
         return replace(self, **taken)
+
+    @property
+    def measured(self) -> Observations:
+        """Without those that are only bounded."""
+        return self if self.bounded is None else replace(self._at(~self.bounded), bounded=None)
+
+    def _at(self, index: slice | Tensor) -> Observations:
+        taken = {key: getattr(self, key)[index] for key in ("surface", "radiance", "place")}
+        return replace(self, **taken, bounded=None if self.bounded is None else self.bounded[index])
 
     @property
     def freedom(self) -> float:
@@ -95,6 +108,7 @@ def choose_pixels(
     Only near grazing angles does reflectance tell n from k, and a photograph has few pixels there; an even spread
     keeps them. Pixels whose footprint leaves the front of the object or the material are never taken; those with an
     edge inside only where most have one, those that mirror the object itself only where a photograph has few others.
+    Clipped pixels come on top of them, a few for what they are worth: bounds.
 
     Args:
         photographs: each contributes the same number of pixels, as far as it has them.
@@ -120,13 +134,15 @@ def choose_pixels(
     def with_rays(along_side: int) -> list[Observations | None]:
         generator = torch.Generator().manual_seed(seed)
         parts: list[list[Observations]] = [[] for _ in range(materials)]
+        bounds: list[list[Observations]] = [[] for _ in range(materials)]
         for i in range(len(photographs)):
             if i in left_out:
                 continue
             photograph = photographs[i]
             progress(i / len(photographs))
             place = (scene_file, f"photographs[{i}].camera")
-            candidates = _candidates(photograph, trace, place, CANDIDATES * quota * materials, generator)
+            candidates = _candidates(photograph, trace, CANDIDATES * quota * materials, generator)
+            require_front(candidates.centres, place)
             found = [
                 _observe(photograph, i, trace, candidates, index, quota, along_side, index in kept)
                 for index in range(materials)
@@ -135,7 +151,13 @@ def choose_pixels(
                 raise InputError(*place, value="", expected="a pixel that the object covers wholly; come nearer")
             for part, each in zip(parts, found, strict=True):
                 part += [each] if each is not None else []
-        return [_joined(part, count) for part in parts]
+            if (clipped := photograph.of_bounds) is not None:
+                few = max(1, quota // BOUNDS)
+                candidates = _candidates(clipped, trace, CANDIDATES * few * materials, generator)
+                for index, part in enumerate(bounds):
+                    each = _observe(clipped, i, trace, candidates, index, few, along_side, index in kept, strict=True)
+                    part += [each] if each is not None else []
+        return [_bounded(_joined(part, count), _joined(more, count)) for part, more in zip(parts, bounds, strict=True)]
 
     chosen = with_rays(footprint)
     edged = any(part is not None and part.edged for part in chosen)
@@ -157,9 +179,24 @@ def _joined(parts: list[Observations], count: int) -> Observations | None:
     )
 
 
+def _bounded(measured: Observations | None, bounds: Observations | None) -> Observations | None:
+    """Both, those of one photograph next to each other; None where nothing is measured."""
+    if measured is None or bounds is None:
+        return measured
+    both = (measured, bounds)
+    joined = replace(
+        measured,
+        surface=gbuffer.concatenate([each.surface for each in both]),
+        radiance=torch.cat([each.radiance for each in both]),
+        place=torch.cat([each.place for each in both]),
+        bounded=torch.cat([torch.full((len(each.place),), each is bounds) for each in both]),
+    )
+    return joined._at(joined.place[:, 0].argsort(stable=True))
+
+
 @dataclass(frozen=True)
 class _Candidates:
-    """Pixels of one photograph that see the object's front.
+    """Pixels of one photograph.
 
     Attributes:
         pixels: row and column.
@@ -172,20 +209,17 @@ class _Candidates:
     share: float
 
     def of(self, material: int) -> _Candidates:
-        chosen = self.centres.material == material
+        chosen = self.centres.front & (self.centres.material == material)
         return _Candidates(self.pixels[chosen], self.centres[chosen], self.share)
 
 
-def _candidates(
-    photograph: Photograph, trace: Tracer, place: tuple[Path, str], most: int, generator: torch.Generator
-) -> _Candidates:
+def _candidates(photograph: Photograph, trace: Tracer, most: int, generator: torch.Generator) -> _Candidates:
     inside, width = photograph.mask.flatten().nonzero()[:, 0], photograph.mask.shape[1]
     drawn = inside[_drawn(len(inside), most, generator)]
     share = len(drawn) / max(1, len(inside))
     pixels = torch.stack([drawn // width, drawn % width], 1)
     centres = gbuffer.pixel_footprints(trace, photograph.camera, pixels[:, 1], pixels[:, 0], 1)[:, 0]
-    require_front(centres, place)
-    return _Candidates(pixels[centres.front], centres[centres.front], share)
+    return _Candidates(pixels, centres, share)
 
 
 def _drawn(count: int, most: int, generator: torch.Generator) -> Int[Tensor, " c"]:
@@ -208,13 +242,20 @@ def _observe(
     quota: int,
     footprint: int,
     kept: bool,
+    strict: bool = False,
 ) -> Observations | None:
-    """The pixels of one material in one photograph, if it has any; those that mirror the object only if `kept`."""
+    """The pixels of one material in one photograph, if it has any; those that mirror the object only if `kept`.
+
+    Where it has few others, they are taken nevertheless, unless that is `strict`.
+    """
     own = candidates.of(material)
     if not len(own.pixels):
         return None
     mirrors_itself = torch.zeros_like(own.centres.hit) if kept else sees_itself(trace, own.centres)
-    usable = _freest(trace, own.centres, mirrors_itself, min(quota, len(own.pixels)) // FEWEST)
+    fewest = 0 if strict else max(1, min(quota, len(own.pixels)) // FEWEST)
+    usable = _freest(trace, own.centres, mirrors_itself, fewest)
+    if not usable.any():
+        return None
     pixels, n_dot_v = own.pixels[usable], own.centres.n_dot_v[usable]
     pixels = pixels[_evenly_by_angle(n_dot_v, quota + quota // 8)]  # some will not be whole
     surface = gbuffer.pixel_footprints(trace, photograph.camera, pixels[:, 1], pixels[:, 0], footprint)
@@ -241,9 +282,9 @@ def without_edge(surface: GBuffer, footprint: int) -> Bool[Tensor, " p"]:
 
 def _freest(trace: Tracer, centres: GBuffer, mirrors_itself: Bool[Tensor, " p"], fewest: int) -> Bool[Tensor, " p"]:
     """The pixels that do not mirror the object; where they are fewer, as many of those that mirror the least of it."""
-    if (~mirrors_itself).sum() >= max(1, fewest):
+    if (~mirrors_itself).sum() >= fewest:
         return ~mirrors_itself
-    least = hidden_share(trace, centres).argsort(stable=True)[: max(1, fewest)]
+    least = hidden_share(trace, centres).argsort(stable=True)[:fewest]
     return torch.zeros_like(mirrors_itself).index_fill(0, least, True)
 
 

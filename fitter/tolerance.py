@@ -234,7 +234,7 @@ def outlook_of(fit: Fit, problem: Problem) -> Outlook:
                 rows.append((float(error[channel]) / number, float(off[channel]) / number))
     found = torch.tensor(rows, dtype=torch.float64).reshape(-1, 2)
     fidelity, observed = problem.fidelity, problem.observed
-    effort = Effort(len(observed.radiance), fidelity.samples, fidelity.levels)
+    effort = Effort(len(observed.measured.radiance), fidelity.samples, fidelity.levels)
     share = integration_share(fit.residuals, fit.x)
     return Outlook(tuple(names), found[:, 0], found[:, 1], share, effort, observed.available)
 

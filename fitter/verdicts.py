@@ -45,13 +45,15 @@ class Seen:
 
 
 def seen_by(fit: Fit, observed: Observations, guessed: tuple[str, ...] = ()) -> Seen:
-    """What the photographs offered to the fit."""
+    """What the photographs offered to the fit, but for bounds."""
+    measured = slice(None) if observed.bounded is None else ~observed.bounded
+    observed, picture = observed.measured, fit.picture[measured]
     cosine = observed.surface.n_dot_v.double().flatten(1).mean(1)
     angle = torch.rad2deg(torch.acos(cosine.clamp(0, 1)))
     beyond = angle > GRAZING
     told = beyond if int(beyond.sum()) >= FEW else torch.ones_like(beyond)
-    level = torch.maximum(fit.picture, darkest(observed.radiance))  # of a fit that is black nothing is a share
-    ratio = ((observed.radiance - fit.picture) / level)[told]
+    level = torch.maximum(picture, darkest(observed.radiance))  # of a fit that is black nothing is a share
+    ratio = ((observed.radiance - picture) / level)[told]
     red, green, blue = ratio.abs().quantile(ONE_SIGMA, 0).tolist()
     f0_only = sees_f0_only(fit.residuals.coordinates)
     return Seen(len(angle), int(beyond.sum()), float(angle.max()), (red, green, blue), f0_only, guessed)

@@ -34,6 +34,8 @@ class Exposed:
         alpha: coverage in [0, 1], [h, w]; None where the file has no such channel.
         finite: pixels without NaN or infinity, [h, w].
         clipped: pixels that no exposure holds unclipped, or that have such neighbours, [h, w].
+        white: the radiance, [3], from which on the shortest exposure's channels may be clipped; None for files of
+            floats, which do not clip, and for camera raw, whose channels are mixtures of what is full and what is not.
         exposure: what the pixels were divided by, 1 for a merged one; "fit" where it is unknown, and 1 was taken. A
             white balance that is known was divided by, too.
     """
@@ -42,6 +44,7 @@ class Exposed:
     alpha: Float[Tensor, "h w"] | None
     finite: Bool[Tensor, "h w"]
     clipped: Bool[Tensor, "h w"]
+    white: Float[Tensor, "3"] | None
     exposure: float | Literal["fit"]
 
 
@@ -54,7 +57,8 @@ def expose(spec: PhotographSpec) -> Exposed:
     seen = _exposed(spec)
     if spec.white_balance in (FITTED, NEUTRAL):
         return seen
-    return replace(seen, radiance=seen.radiance / torch.tensor(spec.white_balance))
+    gains = torch.tensor(spec.white_balance)
+    return replace(seen, radiance=seen.radiance / gains, white=None if seen.white is None else seen.white / gains)
 
 
 def _exposed(spec: PhotographSpec) -> Exposed:
@@ -72,7 +76,9 @@ def _exposed(spec: PhotographSpec) -> Exposed:
 
 def _single(image: Image, factor: float, exposure: float | Literal["fit"]) -> Exposed:
     radiance = torch.from_numpy(image.radiance)
-    return Exposed(radiance / factor, _alpha(image), _finite(image), clipped_pixels(image), exposure)
+    return Exposed(
+        radiance / factor, _alpha(image), _finite(image), clipped_pixels(image), _white(image, factor), exposure
+    )
 
 
 def _response(files: Sequence[Path], exposures: Sequence[float]) -> Curve:
@@ -111,7 +117,7 @@ def _merged(
     total = torch.zeros(first.radiance.shape)
     weight = torch.zeros(first.radiance.shape[:2])
     finite = torch.zeros(weight.shape, dtype=torch.bool)
-    least = total  # what the shortest exposure says, which is all that is known where each is clipped
+    least, white = total, None  # what the shortest exposure says, which is all that is known where each is clipped
     for index, (file, exposure) in enumerate(zip(files, exposures, strict=True)):
         image = first if index == 0 else read_image(file, encoding)
         _require_size(image, first, file)
@@ -123,10 +129,18 @@ def _merged(
         weight += usable * exposure
         finite |= known
         if exposure == min(exposures):
-            least = pixels / exposure
+            least, white = pixels / exposure, _white(image, exposure, curve)
     unknown = weight == 0
     merged = torch.where(unknown[..., None], least, total / torch.where(unknown, 1.0, weight)[..., None])
-    return Exposed(merged, _alpha(first), finite, finite & unknown, 1.0)
+    return Exposed(merged, _alpha(first), finite, finite & unknown, white, 1.0)
+
+
+def _white(image: Image, factor: float, curve: Curve | None = None) -> Float[Tensor, "3"] | None:
+    """The radiance of an exposure's white."""
+    if image.white is None:
+        return None
+    white = np.full((1, 1, 3), image.white, np.float32)
+    return torch.from_numpy(white if curve is None else through(white, curve))[0, 0] / factor
 
 
 def _require_size(image: Image, first: Image, file: Path) -> None:

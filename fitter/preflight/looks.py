@@ -80,7 +80,7 @@ def look(
                 raise
             continue
         for part, observed in zip(found, chosen, strict=True):
-            part += [(index, observed)] if observed is not None else []
+            part += [(index, observed.measured)] if observed is not None else []
     return [_joined(part, torch.tensor(exposures)) for part in found if part]
 
 
