@@ -15,12 +15,13 @@ from fitter.color_map_rows import rows
 from fitter.color_map_solve import solve, texture_size
 from fitter.loading import Loaded
 from fitter.parts import FittedPart
-from fitter.pictures import LONGEST_SIDE, Rgba, png
+from fitter.pictures import LONGEST_SIDE, Rgba
 from fitter.progress import Progress
 from fitter.result import FittedMaterial, Intervals, Maps
 from renderer.atomic import write_bytes_atomically
 from renderer.errors import InputError
 from renderer.gbuffer import Tracer
+from renderer.images import png
 from renderer.mesh import Mesh
 from renderer.textures import Texture
 from renderer.unwrapped import filled, unwrapped

@@ -10,6 +10,7 @@ import numpy as np
 from jaxtyping import Bool, Float, UInt8
 
 from fitter.quality import ViewPictures, tone_mapped, white_point
+from renderer.images import png
 
 if TYPE_CHECKING:
     from fitter.outliers import OutlierMap
@@ -75,13 +76,6 @@ def comparison_png(views: Sequence[ViewPictures], gap: int = 8) -> bytes:
     width = max(row.shape[1] for row in rows)
     padded = [np.pad(row, ((0, gap), (0, width - row.shape[1]), (0, 0))) for row in rows]
     return png(np.concatenate(padded)[:-gap])
-
-
-def png(picture: Rgba) -> bytes:
-    """The picture as a PNG file."""
-    import imageio.v3 as iio
-
-    return iio.imwrite("<bytes>", picture, extension=".png")
 
 
 def colors_of(scale: str, count: int = 11) -> list[str]:

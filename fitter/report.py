@@ -22,12 +22,12 @@ from fitter.pictures import (
     colors_of,
     comparison_png,
     outlier_tiles,
-    png,
     tiles,
 )
 from fitter.quality import ViewPictures
 from fitter.remarks import decimals
 from fitter.result import FittedMaterial, FromPrior, PerParameter, Result
+from renderer.images import png
 
 __all__ = ["ViewPictures", "comparison_png", "render_report"]
 

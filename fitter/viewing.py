@@ -18,14 +18,14 @@ from renderer.atomic import write_bytes_atomically
 from renderer.camera import Camera, look_at
 from renderer.environment import read_environment
 from renderer.errors import InputError
-from renderer.images import write_exr
+from renderer.images import png, write_exr
 from renderer.model import Model, read_model
 from renderer.scene import LARGEST, LightSpec, light_option, read_scene
 from renderer.surroundings import Surroundings, surroundings
 from renderer.synth import named_environment
 from renderer.truth import require
 from renderer.viewer.compare import Photographs
-from renderer.viewer.display import Codes, Display, draw_whole, png
+from renderer.viewer.display import Codes, Display, draw_whole
 from renderer.viewer.drawing import Stage
 from renderer.viewer.eye import Eye, eye_of, frame
 from renderer.viewer.geometry import bounds

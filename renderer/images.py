@@ -7,12 +7,12 @@ import re
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, redirect_stderr, redirect_stdout
 from dataclasses import dataclass
-from io import StringIO
+from io import BytesIO, StringIO
 from pathlib import Path
 from typing import Any, TypeVar
 
 import numpy as np
-from jaxtyping import Bool, Float, Num, UInt
+from jaxtyping import Bool, Float, Num, UInt, UInt8
 
 from renderer.atomic import replaced_together
 from renderer.errors import InputError
@@ -114,6 +114,15 @@ def write_exr(path: str | Path, pixels: Float[np.ndarray, "h w c"]) -> None:
     header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
     with replaced_together(path.parent, option=str(path)) as folder:
         OpenEXR.File(header, channels).write(str(folder / path.name))
+
+
+def png(codes: UInt8[np.ndarray, "h w c"]) -> bytes:
+    """Three or four channels of codes as a PNG file."""
+    from PIL import Image  # imageio would load all of its formats, for a third of a second
+
+    file = BytesIO()
+    Image.fromarray(np.ascontiguousarray(codes)).save(file, "png")
+    return file.getvalue()
 
 
 def _reader(path: Path) -> Callable[[Path], Samples]:

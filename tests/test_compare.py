@@ -13,10 +13,10 @@ from PIL import Image
 
 from renderer.camera import Camera
 from renderer.errors import InputError
-from renderer.images import write_exr
+from renderer.images import png, write_exr
 from renderer.scene import read_scene
 from renderer.viewer.compare import DIFFERENCE_RANGE, GAP, Area, Photograph, Photographs, areas, exposure_factor
-from renderer.viewer.display import Display, draw_whole, png
+from renderer.viewer.display import Display, draw_whole
 from renderer.viewer.eye import Eye
 from renderer.viewer.look import COMPARISONS, Look
 from renderer.viewer.refinement import Refinement, sample_offsets

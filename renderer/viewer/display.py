@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 from dataclasses import dataclass
 from typing import Any
 
@@ -166,15 +165,6 @@ def draw_whole(
         framebuffer.release()
         codes.release()
     return np.frombuffer(read, np.uint8).reshape(height, width, 3)[::-1]
-
-
-def png(codes: Codes) -> bytes:
-    """The codes as a PNG file."""
-    from PIL import Image
-
-    file = io.BytesIO()
-    Image.fromarray(np.ascontiguousarray(codes)).save(file, "png")
-    return file.getvalue()
 
 
 def _texture(context: moderngl.Context, photograph: Photograph) -> moderngl.Texture:

@@ -13,13 +13,13 @@ import moderngl
 
 from renderer.atomic import write_bytes_atomically
 from renderer.errors import InputError
-from renderer.images import write_exr
+from renderer.images import png, write_exr
 from renderer.model import Model
 from renderer.surroundings import Surroundings
 from renderer.viewer.bookmarks import Bookmarks, bookmarks_file
 from renderer.viewer.compare import Photograph, Photographs
 from renderer.viewer.controls import Command, Controls
-from renderer.viewer.display import Codes, Display, draw_whole, png
+from renderer.viewer.display import Codes, Display, draw_whole
 from renderer.viewer.drawing import Stage
 from renderer.viewer.eye import Eye
 from renderer.viewer.help import help_text

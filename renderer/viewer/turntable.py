@@ -9,7 +9,8 @@ from pathlib import Path
 
 from renderer.atomic import replaced_together
 from renderer.errors import InputError
-from renderer.viewer.display import Codes, png
+from renderer.images import png
+from renderer.viewer.display import Codes
 from renderer.viewer.eye import Eye, orbit
 
 FRAMES = 72  # three seconds of film
