@@ -49,7 +49,7 @@ def metal(name: str) -> Metal:
     by_name = {key.lower(): entry for entry in read_catalogue() for key in (entry.name, entry.title)}
     wanted = name.strip().lower()
     if wanted not in by_name:
-        raise InputError("--metal", value=repr(name), expected=f"a known metal: {_suggestion(wanted, by_name)}")
+        raise InputError("--metal", value=repr(name), expected=f"a known metal, such as {_suggestion(wanted, by_name)}")
     return by_name[wanted]
 
 

@@ -10,7 +10,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from fitter.noise import relative_weight, scatter
-from fitter.residuals import ROBUST_AT, huber
+from fitter.residuals import ROBUST_AT, Residuals, huber
 from fitter.result import MaterialType
 from fitter.search import Fit, Problem, draft, fit_material, refined
 
@@ -70,22 +70,35 @@ def _is_hopeful(kind: MaterialType, rough: Mapping[MaterialType, float], count: 
 def _criteria(fits: Mapping[MaterialType, Fit]) -> dict[MaterialType, float]:
     """Schwarz's Bayesian information criterion of each fit, against the least.
 
-        BIC = m ln(Σψ²/m) + p ln m        [Schwarz 1978, for a normal error of unknown scatter]
+        BIC = m ln(Σ ψ_A ψ_B/m) + p ln m        [Schwarz 1978, for a normal error of unknown scatter]
 
     m values, p parameters, ψ the robust relative difference to the photographs, which below `ROUNDING` says nothing.
-    Every fit is weighed alike; all are fits of the same pixels.
+    Every fit is weighed alike; all are fits of the same pixels. A and B are the halves of the light table, whose noise
+    is no misfit: a body has none, and so would seem to explain what a rough metal reflects. Their product's mean is
+    known no better than its own scatter tells.
     """
-    differences: dict[MaterialType, Tensor] = {kind: _relative_difference(fit) for kind, fit in fits.items()}
-    least = max(min(scatter(each) for each in differences.values()), ROUNDING)
+    halves = {kind: _relative_differences(fit) for kind, fit in fits.items()}
+    least = max(min(scatter((first + second) / 2) for first, second in halves.values()), ROUNDING)
     bic: dict[MaterialType, float] = {}
-    for kind, difference in differences.items():
-        count = difference.numel()
-        mean_square = float(huber(difference, ROBUST_AT * least).square().mean())
-        bic[kind] = count * math.log(max(mean_square, ROUNDING**2)) + len(fits[kind].x) * math.log(count)
+    for kind, (first, second) in halves.items():
+        whole = (first + second) / 2
+        length = whole.norm(dim=-1, keepdim=True).clamp_min(ROUNDING)
+        share = huber(whole, ROBUST_AT * least).norm(dim=-1, keepdim=True).clamp_min(ROUNDING) / length
+        crossed, count = share**2 * first * second, whole.numel()
+        mean_square = max(float(crossed.mean()), float(crossed.std()) / math.sqrt(count), ROUNDING**2)
+        bic[kind] = count * math.log(mean_square) + len(fits[kind].x) * math.log(count)
     best = min(bic.values())
     return {kind: each - best for kind, each in bic.items()}
 
 
-def _relative_difference(fit: Fit) -> Float[Tensor, "p 3"]:
-    factors = fit.residuals.factors(fit.x)
-    return fit.residuals.difference(fit.x) / factors * relative_weight(fit.residuals.photograph / factors)
+def _relative_differences(fit: Fit) -> list[Float[Tensor, "p 3"]]:
+    """Of either half of the light table, at the measured pixels: a bound is kept by what fits it badly, too."""
+    residuals = fit.residuals
+    factors, own = residuals.factors(fit.x), residuals.is_measured
+    weight = relative_weight((residuals.photograph / factors)[own])
+    return [(half.difference(fit.x) / factors)[own] * weight for half in _halves(residuals)]
+
+
+def _halves(residuals: Residuals) -> tuple[Residuals, Residuals]:
+    """With either half of the table, which a matte material has not."""
+    return (residuals, residuals) if residuals.model.table is None else residuals.halves

@@ -20,6 +20,7 @@ from fitter.viewer_roughness import ViewerRoughness
 from shaders import fresnel
 from shaders.materials import Metal
 
+RESOLVED = 1e-12  # of a value: float64 says nothing of smaller errors; a free number far beyond its domain has such
 COVERED = 0.9  # of a domain: an interval that leaves out no more says what was known without any photograph
 
 QUANTITIES: Mapping[str, Mapping[str, Callable[[Any], Tensor]]] = {
@@ -90,7 +91,9 @@ def measured(fit: Fit, spread: Spread, key: str) -> list[Measured]:
     lows, highs = intervals(fit, spread, quantity)
     rows = zip(quantity(fit.x).tolist(), errors.tolist(), lows.tolist(), highs.tolist(), strict=True)
     found = [
-        Measured(value, error, (low, high)) if error and math.isfinite(error + low + high) else Measured(value)
+        Measured(value, error, (low, high))
+        if error > RESOLVED * abs(value) and math.isfinite(error + low + high)
+        else Measured(value)
         for value, error, low, high in rows
     ]
     if key == "roughness":

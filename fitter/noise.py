@@ -75,7 +75,8 @@ def local_whitening(
 def neighbours_of(
     surface: GBuffer, count: int = NEIGHBOURS, left_out: Bool[Tensor, " p"] | None = None
 ) -> Int[Tensor, "p q"]:
-    """The pixels that see the surface and its surroundings most alike: by normal and view, each one's own left out.
+    """The pixels that see the surface and its surroundings most alike, by normal and view; the nearest, which is the
+    pixel itself unless it is left out, does not count.
 
     Args:
         surface: [p] rays.

@@ -52,7 +52,7 @@ def outlier_maps(
         thumbnails, views: of all photographs.
     """
     place = torch.cat([part.observed.measured.place for part in parts])
-    deviation, weight = (torch.cat(each) for each in zip(*(_of_measured(part) for part in parts), strict=True))
+    deviation, weight = (torch.cat(each) for each in zip(*(judged(part.choice.fit) for part in parts), strict=True))
     maps = []
     for index, (thumbnail, view) in enumerate(zip(thumbnails, views, strict=True)):
         own = place[:, 0] == index
@@ -66,23 +66,19 @@ def outlier_maps(
 
 
 def judged(fit: Fit) -> tuple[Float[Tensor, " p"], Float[Tensor, " p"]]:
-    """How many usual standard deviations the fit is brighter than each pixel, and how much of a usual one that counted.
+    """How many usual standard deviations the fit is brighter than each measured pixel, and how much of one it counted.
 
     What is usual is the median noise of pixels of the same brightness: beside a lamp that the map lacks, every
     neighbour is as wrong, and the noise that the fit takes from them has grown by that.
     """
     residuals, x = fit.residuals, fit.x
-    picture, noise = fit.picture.mean(-1), _noise(residuals)
-    level = picture.clamp_min(float(darkest(fit.picture).mean()))
+    own = residuals.is_measured
+    picture, noise = fit.picture[own], _noise(residuals)[own]
+    level = picture.mean(-1).clamp_min(float(darkest(picture).mean()))
     usual = _usual(level, noise / level) * level
-    share = residuals.robust_whitening(x).norm(dim=(1, 2)) / residuals.whitening.norm(dim=(1, 2))
+    share = (residuals.robust_whitening(x).norm(dim=(1, 2)) / residuals.whitening.norm(dim=(1, 2)))[own]
     weight = (share * usual / noise).square().clamp_max(1)
-    return residuals.difference(x).mean(-1) / usual, weight
-
-
-def _of_measured(part: FittedPart) -> tuple[Float[Tensor, " p"], ...]:
-    bounded = part.observed.bounded
-    return tuple(each if bounded is None else each[~bounded] for each in judged(part.choice.fit))
+    return residuals.difference(x)[own].mean(-1) / usual, weight
 
 
 def outlier_sentences(maps: Sequence[OutlierMap]) -> list[str]:

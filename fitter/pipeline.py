@@ -11,6 +11,7 @@ import torch
 
 from fitter import quality
 from fitter.beside import Beside, found_beside
+from fitter.caveats import caveats
 from fitter.color_map import map_pictures, require_mappable, with_color_map, with_written_maps
 from fitter.consistent import require_consistent
 from fitter.curves import Curve, reflectance_curve
@@ -224,34 +225,6 @@ def _curve(part: FittedPart) -> Curve | None:
     return reflectance_curve(reflectance, fit.residuals.coordinates, fit.x, part.spread)
 
 
-def _remarks(loaded: Loaded, parts: Sequence[FittedPart], fidelity: Fidelity) -> list[str]:
-    """What of the input was left out or replaced, and what the model cannot follow, a sentence each."""
-    seen = loaded.photographs.thumbnails
-    clipped, nonfinite = (sum(getattr(each, key) for each in seen) for key in ("clipped", "nonfinite"))
-    bounded = sum(int(part.observed.bounded.sum()) for part in parts if part.observed.bounded is not None)
-    bounds = f", but that {bounded} of them are white at least" if bounded else ""
-    counts = [
-        (loaded.environment.repaired, "texels of the environment were negative or not finite and were replaced"),
-        (clipped, f"clipped pixels of the photographs were left out{bounds}"),
-        (nonfinite, "pixels of the photographs were not finite and were left out"),
-    ]
-    remarks = [f"{count} {sentence}." for count, sentence in counts if count]
-    again = [seen[index].name for index in sorted(loaded.repeated)]
-    if again:
-        named = ", ".join(again[:3]) + (f" and {len(again) - 3} more" if len(again) > 3 else "")
-        remarks.append(f"Photographs that repeat an earlier one were left out: {named}.")
-    fitted = {part.index for part in parts}
-    unseen = [name for index, name in enumerate(loaded.materials) if index not in fitted]
-    if unseen:
-        remarks.append(f"No photograph shows {', '.join(unseen)}: the result leaves it out.")
-    if fidelity.blurs and any(part.material.type != "matte" for part in parts):
-        remarks.append(
-            "The viewer's blur follows no real lobe closely: F0 and roughness make up for the difference, which their"
-            " errors do not count."
-        )
-    return remarks
-
-
 def _message(found: _Found, fidelity: Fidelity) -> str:
     """What there is to say of each material, of the plan, of the cameras, and of the input."""
     loaded, parts = found.loaded, found.planned.parts
@@ -261,7 +234,7 @@ def _message(found: _Found, fidelity: Fidelity) -> str:
     told += [] if found.beside is None else found.beside.told
     told += found.planned.told
     told += [] if found.refined is None else [found.refined.told]
-    told += [*_remarks(loaded, parts, fidelity), *outlier_sentences(found.outliers), *found.warnings]
+    told += [*caveats(loaded, parts, fidelity), *outlier_sentences(found.outliers), *found.warnings]
     return " ".join(told)
 
 
@@ -307,7 +280,7 @@ def _result(found: _Found, clock: _Clock) -> Result:
             reflectance=", ".join(fidelity.reflectance_of(kind) for kind in sorted(types, reverse=True)),
             lobe=fidelity.lobe,
             samples=max(part.setting.fidelity.samples for part in parts),
-            pixels=sum(len(part.observed.radiance) for part in parts),
+            pixels=sum(len(part.observed.measured.radiance) for part in parts),
             dtype=fidelity.dtype,
             levels=max(part.setting.fidelity.levels for part in parts),
             environment_size=setting.environment.radiance.shape[1],

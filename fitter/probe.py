@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,6 +19,8 @@ from renderer.images import write_exr
 from renderer.mirror_ball import Circle, find_ball, unwrapped
 from renderer.scene import PhotographSpec
 
+MOST_CLIPPED = 0.9  # of the ball, of which the rest is no map
+OUTSIDE = 0.1  # of the radius, by which a ball may be cut off at the picture's border
 FAR = {"origin": [0, 0, 1], "target": [0, 0, 0], "projection": "orthographic"}  # which nothing here looks at
 
 
@@ -72,9 +75,26 @@ def probe(
     if not (seen.radiance[seen.finite] > 0).any():
         raise InputError(balls[0], expected="light on the ball, but it is black")
     radiance = torch.where(seen.finite[..., None], seen.radiance, 0.0)  # of clipped lamps what is known at least
+    if circle is not None:
+        _require_inside(circle, radiance.shape[1], radiance.shape[0])
     found = circle or find_ball(radiance.numpy(), balls[0])
-    n, k = (torch.tensor(values, dtype=torch.float64) for values in (chrome.n, chrome.k))
-    write_exr(out, unwrapped(radiance.numpy(), found, n, k, height).numpy())
     row, column = np.mgrid[: usable.shape[0], : usable.shape[1]] + 0.5
     ball = np.hypot(column - found.x, row - found.y) < found.radius
-    return Probe(found, float((~usable.numpy())[ball].mean()) if ball.any() else 0.0)
+    clipped = float((~usable.numpy())[ball].mean()) if ball.any() else 1.0
+    if clipped > MOST_CLIPPED:
+        ball_at = f"{clipped:.0%} of the ball at --circle {found.x:.1f} {found.y:.1f} {found.radius:.1f} clipped"
+        raise InputError(balls[0], value=ball_at, expected="a shorter exposure, or the ball's own --circle X Y RADIUS")
+    n, k = (torch.tensor(values, dtype=torch.float64) for values in (chrome.n, chrome.k))
+    write_exr(out, unwrapped(radiance.numpy(), found, n, k, height).numpy())
+    return Probe(found, clipped)
+
+
+def _require_inside(circle: Circle, width: int, height: int) -> None:
+    """That the outline is a circle of which no more than a little lies outside the picture."""
+    numbers = (circle.x, circle.y, circle.radius)
+    beyond = OUTSIDE * circle.radius
+    reach = circle.radius - beyond
+    across = reach <= circle.x <= width - reach and reach <= circle.y <= height - reach
+    if not (all(map(math.isfinite, numbers)) and circle.radius > 0 and across):
+        value = " ".join(f"{each:g}" for each in numbers)
+        raise InputError("--circle", value=value, expected=f"a circle inside the picture of {width} × {height} pixels")

@@ -30,8 +30,6 @@ def probe(
     from renderer.mirror_ball import Circle
 
     given = None if circle is None else Circle(*circle)
-    if given is not None and not 0 < given.radius < float("inf"):
-        raise InputError("--circle", value=given.radius, expected="a radius above 0")
     found = unwrap(
         balls, out, circle=given, surface=metal, encoding=encoding, exposure=_exposure(exposure), height=height
     )

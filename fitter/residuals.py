@@ -18,7 +18,7 @@ from fitter.turning import TurnedPixels
 ROBUST_AT = (
     6.0  # standard deviations: a path tracer's noise is skewed, and a nearer threshold would favour its low side
 )
-LIFTED = 2.0  # standard deviations by which noise may have lifted what was clipped: it is what was lifted that is
+LIFTED = 2.0  # standard deviations: noise lifts some pixels above white, and just those are clipped
 
 
 @dataclass(frozen=True)
@@ -73,6 +73,11 @@ class Residuals:
     def difference(self, x: Float[Tensor, " x"]) -> Float[Tensor, "p 3"]:
         """Model less photograph; of lower bounds, what is missing to them and to what noise may have lifted there."""
         return self._missing(self.picture(x) - self.photograph)
+
+    @property
+    def is_measured(self) -> Bool[Tensor, " p"]:
+        """Which pixels are more than bounded."""
+        return torch.ones(len(self.photograph), dtype=torch.bool) if self.bounded is None else ~self.bounded
 
     def _missing(self, difference: Float[Tensor, "p 3"]) -> Float[Tensor, "p 3"]:
         if self.bounded is None:

@@ -215,8 +215,9 @@ def _whitening(problem: Problem, picture: Float[Tensor, "p 3"], seen: Float[Tens
     if not problem.fidelity.blurs:
         local = local_whitening(picture - seen, picture, problem.neighbours, EXACT, problem.observed.bounded)
         return local * problem.observed.freedom**0.5
-    weight = relative_weight(seen)
-    return even_whitening(weight, max(scatter((picture - seen) * weight), EXACT))
+    weight, bounded = relative_weight(seen), problem.observed.bounded
+    measured = slice(None) if bounded is None else ~bounded
+    return even_whitening(weight, max(scatter(((picture - seen) * weight)[measured]), EXACT))
 
 
 def _coordinates(start: Material, model: PixelModel, fidelity: Fidelity) -> Coordinates:

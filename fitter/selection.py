@@ -66,7 +66,7 @@ class Observations:
         return torch.where(lossy[:, None], blocks, own).unique(dim=0, return_inverse=True)[1]
 
     def __getitem__(self, index: slice) -> Observations:
-        """Some of the pixels; of spots all pixels of some."""
+        """Some of the pixels; of spots, none of which is bounded, all pixels of some."""
         if self.spot is None:
             return self._at(index)
         chosen = torch.isin(self.spot, self.spot.unique()[index])

@@ -46,8 +46,7 @@ class Seen:
 
 def seen_by(fit: Fit, observed: Observations, guessed: tuple[str, ...] = ()) -> Seen:
     """What the photographs offered to the fit, but for bounds."""
-    measured = slice(None) if observed.bounded is None else ~observed.bounded
-    observed, picture = observed.measured, fit.picture[measured]
+    observed, picture = observed.measured, fit.picture[fit.residuals.is_measured]
     cosine = observed.surface.n_dot_v.double().flatten(1).mean(1)
     angle = torch.rad2deg(torch.acos(cosine.clamp(0, 1)))
     beyond = angle > GRAZING

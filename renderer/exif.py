@@ -64,7 +64,7 @@ def relative_exposure(path: Path) -> float:
     """
     exif = read_exif(path)
     if exif.seconds is None:
-        raise InputError(path, "ExposureTime", expected="it in the file's EXIF, or exposure as a number in the scene")
+        raise InputError(path, "ExposureTime", expected="it in the file's EXIF, or the exposure given as a number")
     return exif.seconds * (exif.iso or ISO_OF_ONE) / ISO_OF_ONE / (exif.aperture or 1.0) ** 2
 
 

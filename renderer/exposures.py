@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from pathlib import Path
 from typing import Literal
 
@@ -22,6 +24,9 @@ from renderer.unknown import FITTED
 
 NEUTRAL = (1.0, 1.0, 1.0)
 TRIED = 20000  # pixels of a view, of which the curve is fitted to some that differ
+CONTRADICTED = 1.5  # factor between exposures as said and as seen; shutters err by a tenth, lamps flicker by some more
+SEEN = 0.02  # of white, from which a pixel tells an exposure
+ENOUGH = 50  # pixels that two exposures have to share, to be compared
 
 
 @dataclass(frozen=True)
@@ -118,6 +123,7 @@ def _merged(
     weight = torch.zeros(first.radiance.shape[:2])
     finite = torch.zeros(weight.shape, dtype=torch.bool)
     least, white = total, None  # what the shortest exposure says, which is all that is known where each is clipped
+    compared: list[Tensor] = []
     for index, (file, exposure) in enumerate(zip(files, exposures, strict=True)):
         image = first if index == 0 else read_image(file, encoding)
         _require_size(image, first, file)
@@ -125,11 +131,13 @@ def _merged(
         pixels = torch.from_numpy(image.radiance if curve is None else through(image.radiance, curve))
         pixels = torch.where(known[..., None], pixels, 0.0)
         usable = known & ~clipped_pixels(image)
+        compared.append(_told(pixels, usable, image.white))
         total = total + usable[..., None] * pixels
         weight += usable * exposure
         finite |= known
         if exposure == min(exposures):
             least, white = pixels / exposure, _white(image, exposure, curve)
+    _require_agreement(files, exposures, compared)
     unknown = weight == 0
     merged = torch.where(unknown[..., None], least, total / torch.where(unknown, 1.0, weight)[..., None])
     return Exposed(merged, _alpha(first), finite, finite & unknown, white, 1.0)
@@ -141,6 +149,30 @@ def _white(image: Image, factor: float, curve: Curve | None = None) -> Float[Ten
         return None
     white = np.full((1, 1, 3), image.white, np.float32)
     return torch.from_numpy(white if curve is None else through(white, curve))[0, 0] / factor
+
+
+def _told(pixels: Float[Tensor, "h w 3"], usable: Bool[Tensor, "h w"], white: float | None) -> Float[Tensor, " t"]:
+    """Some pixels' means over their channels, NaN where they tell no exposure."""
+    step = max(1, round(math.sqrt(usable.numel() / TRIED)))
+    mean = pixels[::step, ::step].mean(-1)
+    darkest = 0.0 if white is None else SEEN * white
+    return torch.where(usable[::step, ::step] & (mean > darkest), mean, torch.nan).flatten()
+
+
+def _require_agreement(files: Sequence[Path], exposures: Sequence[float], told: Sequence[Float[Tensor, " t"]]) -> None:
+    """That the exposures are about as the pixels say, from each to the next longer one."""
+    order = sorted(range(len(files)), key=lambda index: exposures[index])
+    for shorter, longer in pairwise(order):
+        ratio = told[longer] / told[shorter]
+        ratio = ratio[ratio.isfinite()]
+        if len(ratio) < ENOUGH:
+            continue
+        seen, said = float(ratio.median()), exposures[longer] / exposures[shorter]
+        if not 1 / CONTRADICTED <= seen / said <= CONTRADICTED:
+            expected = (
+                f"about {seen:.3g} times that of {files[shorter].name}, as their pixels say, not {said:.3g} times"
+            )
+            raise InputError(files[longer], "exposure", f"{exposures[longer]:.4g}", expected)
 
 
 def _require_size(image: Image, first: Image, file: Path) -> None:

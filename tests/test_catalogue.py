@@ -60,12 +60,12 @@ def test_names_and_titles_are_unambiguous():
 
 
 def test_a_misspelt_metal_is_told_the_nearest_name():
-    with pytest.raises(InputError, match=r"--metal: is 'goldd', expected a known metal: Au \(gold\)"):
+    with pytest.raises(InputError, match=r"--metal: is 'goldd', expected a known metal, such as Au \(gold\)"):
         metal("goldd")
 
 
 def test_a_hopeless_name_is_told_all_symbols():
-    with pytest.raises(InputError, match=r"expected a known metal: Au, Ag, Cu, .*CuZn10"):
+    with pytest.raises(InputError, match=r"expected a known metal, such as Au, Ag, Cu, .*CuZn10"):
         metal("xyzzy")
 
 

@@ -71,7 +71,9 @@ def test_files_without_exif_say_nothing(tmp_path, data, caplog, capfd):
     with caplog.at_level(logging.DEBUG):
         assert read_exif(path).seconds is None
     assert capfd.readouterr() == ("", "")
-    with pytest.raises(InputError, match=r"a\.jpg: ExposureTime: expected it in the file's EXIF, or exposure as a num"):
+    with pytest.raises(
+        InputError, match=r"a\.jpg: ExposureTime: expected it in the file's EXIF, or the exposure given"
+    ):
         relative_exposure(path)
 
 
@@ -194,6 +196,30 @@ def test_slips_about_exposures_are_one_sentence(tmp_path, table, sentence):
     PillowImage.new("RGB", (4, 3)).save(tmp_path / "a.png")
     with pytest.raises(InputError, match=sentence):
         spec(tmp_path, **table)
+
+
+@pytest.mark.parametrize("said", [TIMES[::-1], (1 / 64, 1 / 8, 2.0), (1 / 64, 1 / 64, 1 / 64)])
+def test_exposures_that_their_pixels_contradict(tmp_path, bracket, said):
+    """Lists in the wrong order, a slip in one number, and the times left out."""
+    names = bracket(RADIANCE, TIMES)
+    with pytest.raises(
+        InputError, match=r"e\d\.png: exposure: is [\d.]+, expected about [\d.]+ times that of e\d\.png"
+    ):
+        expose(spec(tmp_path, images=names, exposure=list(said)))
+
+
+@pytest.mark.parametrize("off", [1.3, 1 / 1.3])
+def test_exposures_that_are_a_little_off_are_merged(tmp_path, bracket, off):
+    """Shutters and lamps are so."""
+    said = [TIMES[0], off * TIMES[1], TIMES[2]]
+    assert expose(spec(tmp_path, images=bracket(RADIANCE, TIMES), exposure=said)).finite.all()
+
+
+def test_exposures_that_share_no_pixel_are_merged(tmp_path):
+    """A dark picture and a white one; there is nothing to compare."""
+    for name, code in (("a.png", 1), ("b.png", 255)):
+        PillowImage.new("RGB", (64, 64), (code,) * 3).save(tmp_path / name)
+    assert expose(spec(tmp_path, images=["a.png", "b.png"], exposure=[1.0, 1000.0])).finite.all()
 
 
 def test_exposures_of_unlike_size(tmp_path):

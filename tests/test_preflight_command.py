@@ -71,6 +71,33 @@ def test_nothing_is_told_of_a_good_scene(gold_scene, monkeypatch, capsys):
     assert json.loads(capsys.readouterr().out) == {"findings": []}
 
 
+def test_photographs_that_are_darker_than_any_material_are_told(gold_scene, monkeypatch, capsys):
+    """By a factor of a million, as where exposures are given in units of their own."""
+    text = gold_scene.read_text(encoding="utf-8").replace("exposure = 1.0", "exposure = 1e6")
+    gold_scene.write_text(text, encoding="utf-8")
+    assert run(monkeypatch, "check", gold_scene, "--json") == 1
+    (found,) = json.loads(capsys.readouterr().out)["findings"]
+    assert (found["kind"], found["where"]) == ("exposure", "photographs")
+    assert 1e-7 < float(found["value"].split(" times")[0]) < 1e-5
+    assert run(monkeypatch, "fit", gold_scene, "-o", gold_scene.parent / "out", "--fidelity", "preview") in (0, 1)
+    assert "exposures or the environment's scale are wrong" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("of", ["environment", "photographs"])
+def test_a_scale_that_is_left_to_the_fit_is_not_wrong(of, gold_scene, monkeypatch, capsys):
+    """Of a map that is three times too bright, by its own unit or by the photographs'."""
+    path = gold_scene.with_name("environment.exr")
+    write_exr(path, 3 * read_image(path).radiance)
+    text = gold_scene.read_text(encoding="utf-8")
+    if of == "environment":
+        text = text.replace("[environment]", '[environment]\nscale = "fit"').replace("scale = 1.0\n", "")
+    else:
+        text = 'exposure = "fit"\n' + text.replace("exposure = 1.0\n", "")
+    gold_scene.write_text(text, encoding="utf-8")
+    assert run(monkeypatch, "check", gold_scene) == 0
+    assert "nothing found" in capsys.readouterr().out
+
+
 def test_wrong_input_is_no_finding(gold_scene, monkeypatch, capsys):
     gold_scene.with_name("view_1.exr").write_bytes(b"no picture")
     assert run(monkeypatch, "check", gold_scene) == 2

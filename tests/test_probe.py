@@ -118,6 +118,13 @@ def test_real_chrome_balls(shared_data, tmp_path, name):
     [
         ({"out": "map.png"}, r"-o: is .*map\.png, expected a file that ends in \.exr"),
         ({"surface": "chromite"}, "--metal: is 'chromite', expected a known metal"),
+        (
+            {"circle": Circle(math.nan, 20, 9)},
+            r"--circle: is nan 20 9, expected a circle inside the picture of 40 × 30",
+        ),
+        ({"circle": Circle(500, 500, 20)}, "--circle: is 500 500 20, expected a circle inside the picture of 40 × 30"),
+        ({"circle": Circle(10, 10, 100)}, "--circle: is 10 10 100, expected a circle inside the picture of 40 × 30"),
+        ({"circle": Circle(20, 15, 0)}, "--circle: is 20 15 0, expected a circle inside the picture of 40 × 30"),
         ({}, r"flat\.png: expected a picture with the outline of a ball; or say where it is by --circle"),
     ],
 )
@@ -127,3 +134,12 @@ def test_slips_about_balls(tmp_path, options, sentence):
     with pytest.raises(InputError, match=sentence):
         probe([tmp_path / "flat.png"], out, **options)
     assert not out.exists()
+
+
+def test_a_ball_that_is_all_clipped_is_no_map(tmp_path):
+    PillowImage.new("RGB", (40, 30), (255, 255, 255)).save(tmp_path / "white.png")
+    with pytest.raises(
+        InputError, match=r"white\.png: is 100% of the ball at --circle .* clipped, expected a shorter exp"
+    ):
+        probe([tmp_path / "white.png"], tmp_path / "map.exr", circle=Circle(20, 15, 12))
+    assert not (tmp_path / "map.exr").exists()

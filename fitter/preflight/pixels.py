@@ -27,7 +27,7 @@ def pixel_findings(photograph: Photograph, inside: Bool[Tensor, "h w"], where: s
     if photograph.clipped:
         clipped = _at_top(pixels, AT_TOP)
         if clipped > CLIPPED:
-            value = f"{percent(clipped)} of the object's pixels are clipped; they and those beside them are left out"
+            value = f"{percent(clipped)} of the object's pixels are clipped, of which a fit learns little"
             remedy = "expose less, or give several exposures as images = [ … ]"
             return [Finding("clipping", where, value, remedy)]
     elif (clipped := _at_top(pixels, 1.0)) > FLAT and _contrast(pixels, 1.0) > CONTRAST:

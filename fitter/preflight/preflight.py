@@ -13,19 +13,20 @@ from fitter.loading import Loaded
 from fitter.photographs import Photograph
 from fitter.preflight.duplicates import duplicate_findings, rows_of
 from fitter.preflight.finding import Finding, percent
-from fitter.preflight.light import Named, findings, steps, turning
+from fitter.preflight.light import Named, darkness_findings, findings, steps, turning
 from fitter.preflight.looks import look
 from fitter.preflight.orientation import GIVEN, Orientation, upright
 from fitter.preflight.pictures import Light
 from fitter.preflight.pixels import pixel_findings
 from fitter.preflight.sharpness import sharpness_finding
 from fitter.preflight.silhouette import MeshTurn, Sighting, mesh_turn, silhouette_findings, turned
-from fitter.preflight.suppositions import Supposition, Tribunal
+from fitter.preflight.suppositions import Gains, Supposition, Tribunal
 from renderer.errors import InputError
 from renderer.gbuffer import Tracer
 from renderer.images import ENDINGS
 from renderer.scene import PhotographSpec
 from renderer.surroundings import directional_light
+from renderer.unknown import FITTED
 
 MOST = 8  # photographs that a coarse fit looks at
 FLOATS = (".exr", ".hdr", ".npy", *ENDINGS)
@@ -104,10 +105,20 @@ def _light(loaded: Loaded, numbers: Sequence[int], trace: Tracer, scene_file: Pa
     linear = [_is_linear(loaded.scene.photographs[number]) for number in numbers]
     tribunal = Tribunal(looks, light, torch.tensor(linear), seed)
     called = [_named(number, loaded.photographs[number]) for number in numbers]
-    start = Supposition(gains="each") if any(each.exposure is None for each in called) else Supposition()
+    start = Supposition(gains=_gains(loaded, called))
     found = steps(tribunal, start)
     orientation = found[-1].after.orientation if found else GIVEN
-    return Lit(orientation, tuple(findings(found, called, tribunal)))
+    told = findings(found, called, tribunal)
+    if start.gains == "as said" and not any(each.kind == "exposure" for each in told):
+        told += darkness_findings(tribunal)
+    return Lit(orientation, tuple(told))
+
+
+def _gains(loaded: Loaded, called: Sequence[Named]) -> Gains:
+    """Which exposures are left to the fit; the environment's scale is one for all."""
+    if any(each.exposure is None for each in called):
+        return "each"
+    return "all" if FITTED in (loaded.scene.exposure, loaded.scene.environment.scale) else "as said"
 
 
 def _named(number: int, photograph: Photograph) -> Named:

@@ -75,6 +75,17 @@ class Tribunal:
             for index, orientation in enumerate(batch):
                 self._pictures[orientation] = [each[index : index + 1] for each in found]
 
+    @property
+    def brightness(self) -> float:
+        """Mean radiance over that of a white matte object in this light, of the brightest material; 1 in no light."""
+        self.prepare([GIVEN])
+        ratios = [
+            float(looks.seen.mean() / picture.diffuse[0].mean())
+            for looks, picture in zip(self.looks, self._pictures[GIVEN], strict=True)
+            if float(picture.diffuse[0].mean()) > 0
+        ]
+        return max(ratios, default=1.0)
+
     def misfit(self, supposition: Supposition) -> float:
         return self.trial(supposition).misfit
 

@@ -129,7 +129,7 @@ def summary(outcomes: Sequence[Outcome]) -> Iterator[str]:
         over = statistics.median(_ratio(pair) for _, pair in judged)
         yield f"- true ≤ promised: {share(kept)} of {len(judged)} cases (goal {KEPT_GOAL:.0%})"
         yield f"- promised / true: {over:.2f} in the median (goal at most {PESSIMISM_GOAL})"
-        broken = [f"{label} × {1 / _ratio(pair):.2f}" for label, pair in judged if pair[1] > pair[0]]
+        broken = [f"{label} × {true / promised:.2f}" for label, (promised, true) in judged if true > promised]
         yield f"- true over promised where that is above 1: {', '.join(broken) or 'nowhere'}"
     yield f"- reached {ASKED:.0%}: {share(np.array([outcome.reached for outcome in outcomes]))}"
     silent = [outcome.case.label for outcome in outcomes if outcome.pair is None]
