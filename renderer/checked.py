@@ -146,6 +146,8 @@ def _field(location: Sequence[int | str]) -> str:
 
 def _quoted(value: Any) -> str:
     """A value as the user wrote it, or its beginning."""
+    if isinstance(value, tuple):
+        value = list(value)
     try:
         text = f'"{value}"' if isinstance(value, str) else str(value)
     except ValueError:  # Python writes no int of more than 4300 digits

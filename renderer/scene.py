@@ -181,7 +181,7 @@ class PhotographSpec(Checked):
     @model_validator(mode="after")
     def _an_exposure_each(self) -> PhotographSpec:
         count = len(self.exposure) if isinstance(self.exposure, tuple) else None
-        if self.images and self.exposure != "exif" and count != len(self.images):
+        if self.images and self.exposure != "exif" and (count or 1) != len(self.images):
             raise unexpected(f'a list of {len(self.images)} numbers, or "exif"', key="exposure", value=self.exposure)
         if self.encoding == FITTED and len(self.images) < 2:
             raise unexpected("images of several exposures beside it, or a curve", key="encoding", value=FITTED)

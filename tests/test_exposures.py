@@ -151,6 +151,13 @@ def test_merging_beats_every_single_exposure(tmp_path, bracket):
     assert abs(merged.mean() - 0.4) < 4 * expected / np.sqrt(count) + 1e-4
 
 
+@pytest.mark.parametrize("exposure", [0.5, [0.5]])
+def test_one_exposure_in_a_list_is_one_photograph(tmp_path, bracket, exposure):
+    (name,) = bracket(np.full((4, 4, 3), 0.6), [0.5])
+    seen = expose(spec(tmp_path, images=[name], exposure=exposure))
+    np.testing.assert_allclose(seen.radiance.numpy(), 0.6, rtol=0.01)  # half a code of sRGB there is 0.5 %
+
+
 def test_what_every_exposure_clips_is_clipped(tmp_path, bracket):
     bright = np.full((9, 9, 3), 0.3)
     bright[4, 4] = 1000

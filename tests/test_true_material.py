@@ -125,7 +125,7 @@ def test_a_file_says_what_each_material_is(written):
         (
             'metal = "gold"',
             "color = [1, 1, 1]",
-            "materials[0].color: is (1.0, 1.0, 1.0), expected no color for a metal",
+            "materials[0].color: is [1.0, 1.0, 1.0], expected no color for a metal",
         ),
         ("alpha = 0.2", "", "materials[0].alpha: expected a number here: a metal surface"),
         ("alpha = 0.2", "alpha = 2", "materials[0].alpha: is 2.0, expected at least 0.001"),
@@ -133,7 +133,7 @@ def test_a_file_says_what_each_material_is(written):
         ("alpha = 0.2", 'alpha = "0.2"', 'materials[0].alpha: is "0.2", expected a number'),
         ("alpha = 0.2", "roughness = 0.2", "materials[1].alpha: is 0.0, expected --roughness"),
         ("[0.6, 0.1, 0.05]", "[0.6, 0.1]", "materials[1].color[2]: expected a value here"),
-        ("[0.04, 0.04, 0.04]", "[0.04, 0.04, 0.05]", "materials[1].reflectance: is (0.04, 0.04, 0.05), expected three"),
+        ("[0.04, 0.04, 0.04]", "[0.04, 0.04, 0.05]", "materials[1].reflectance: is [0.04, 0.04, 0.05], expected three"),
         ("[[materials]]", "[materials]", "expected TOML"),
         (FILE, "", "materials: expected a value here, but it is missing"),
     ],
