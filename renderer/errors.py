@@ -18,5 +18,6 @@ class InputError(Exception):
     def __init__(self, file: str | Path, field: str = "", value: object = "", expected: str = "") -> None:
         self.file, self.field, self.value, self.expected = str(file), field, value, expected
         where = f"{self.file}: {field}" if field else self.file
-        found = f" is {value}," if str(value) else ""
+        shown = list(value) if isinstance(value, tuple) else value  # as files have it
+        found = f" is {shown}," if str(value) else ""
         super().__init__(f"{where}:{found} expected {expected}".replace("\n", " "))

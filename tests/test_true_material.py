@@ -187,13 +187,13 @@ def test_the_command_makes_what_is_said(said, expected, tmp_path, monkeypatch, c
 @pytest.mark.parametrize(
     ("said", "sentence"),
     [
-        ("--materials no.toml --color 1 1 1", "--color: is (1.0, 1.0, 1.0), expected no color beside --materials"),
+        ("--materials no.toml --color 1 1 1", "--color: is [1.0, 1.0, 1.0], expected no color beside --materials"),
         ("--materials no.toml", "no.toml: expected a readable file of materials"),
         ("--metal Au --light 0 0 0 1 1 1", "--light: direction: is"),
         ("--metal Au --light 0 1 0 1 -1 1", "--light: irradiance[1]: is -1.0"),
         ("--metal Au --model viewer", "--roughness: expected a number here"),
         ("--metal Au --roughness 0.1 --alpha 0.1", "--alpha: is 0.1, expected --roughness"),
-        ("--color 1 1 2", "--color: is (1.0, 1.0, 2.0), expected three numbers from 0 to 1"),
+        ("--color 1 1 2", "--color: is [1.0, 1.0, 2.0], expected three numbers from 0 to 1"),
     ],
 )
 def test_the_command_refuses_in_one_sentence(said, sentence, tmp_path, monkeypatch, capfd):
