@@ -77,7 +77,7 @@ def _criteria(fits: Mapping[MaterialType, Fit]) -> dict[MaterialType, float]:
     is no misfit: a body has none, and so would seem to explain what a rough metal reflects. Their product's mean is
     known no better than its own scatter tells.
     """
-    halves = {kind: _relative_differences(fit) for kind, fit in fits.items()}
+    halves: dict[MaterialType, list[Tensor]] = {kind: _relative_differences(fit) for kind, fit in fits.items()}
     least = max(min(scatter((first + second) / 2) for first, second in halves.values()), ROUNDING)
     bic: dict[MaterialType, float] = {}
     for kind, (first, second) in halves.items():

@@ -16,11 +16,12 @@ from fitter.catalogue import metal
 from fitter.noise import relative_weight
 from fitter.pixel_model import PixelModel
 from fitter.returned_light import returned_light
-from fitter.setting import Setting
+from fitter.setting import OF_TABLE, Setting
 from renderer import gbuffer
 from renderer.footprint import middle
 from renderer.gbuffer import GBuffer, Tracer
 from renderer.plan import Change
+from renderer.transport import LightTable
 from renderer.visibility import sees_itself
 from shaders.materials import Glossy, Material, Matte, Metal
 
@@ -146,12 +147,20 @@ class Measurement:
         key = (effects, material.type != "metal")
         if key not in self._bare:
             self._bare[key] = setting.pixels(surface, body=key[1])
-        model = self._bare[key].under(setting.table_of(material, surface, SAMPLES))
+        lobe = (effects & OF_TABLE, None if material.type == "matte" else float(material.roughness))
+        if lobe not in self._tables:
+            self._tables[lobe] = setting.table_of(material, surface, SAMPLES)
+        model = self._bare[key].under(self._tables[lobe])
         return torch.stack([model.half(which).radiance(material) for which in (0, 1)])
 
     @cached_property
     def _bare(self) -> dict[tuple[frozenset[str], bool], PixelModel]:
         """The sample's models without a table, which all materials share, by effects and whether there is a body."""
+        return {}
+
+    @cached_property
+    def _tables(self) -> dict[tuple[frozenset[str], float | None], LightTable | None]:
+        """The sample's light through the lobes, by the effects that change it and by roughness."""
         return {}
 
 

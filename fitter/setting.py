@@ -31,6 +31,7 @@ from shaders.shade import DirectionalLight
 DIFFUSE_FACE_SIZE = 48  # texels of 1.9°: under softboxes 4e-4 of the light in the root mean square, most of it where
 DIFFUSE_MARGIN = 3  # one of them sets; a tenth of that in the lit half, as much as `diffuse_table`'s blocks leave
 MOST_DIFFUSE = 6 * (DIFFUSE_FACE_SIZE + 2 * DIFFUSE_MARGIN) ** 2  # pixels: of more, it is looked up by their normals
+OF_TABLE = frozenset({"blur", "pixel-footprint", "self-visibility"})  # effects by which a light table differs
 MOST_OCCLUDED = 2000  # pixels of a picture for which rays look in all directions; of more, in a few
 
 

@@ -10,7 +10,7 @@ import pytest
 import torch
 
 from fitter.fidelity import PRESETS
-from fitter.setting import Setting
+from fitter.setting import OF_TABLE, Setting
 from renderer import gbuffer, transport
 from renderer.fused_table import fused_available
 from renderer.gbuffer import GBuffer
@@ -18,6 +18,7 @@ from renderer.mesh import Sphere
 from renderer.occlusion import Occluder, is_convex, occluder
 from renderer.path_tracer import passes
 from renderer.to_mitsuba import Bsdf, conductor, diffuse, variant_here
+from shaders.effects import NAMES
 from shaders.materials import Material, Matte, Metal
 from shaders.shade import DirectionalLight
 from tests import bowl as golden
@@ -94,6 +95,16 @@ def test_a_table_with_rays_has_the_direct_light_of_mitsuba(alpha):
     surface, _ = inside()
     open_to_all = Setting(golden.light(), (), PRESETS["standard"]).radiance(metal, surface, 512).numpy()
     assert open_to_all.mean() > 1.2 * expected.mean()
+
+
+@pytest.mark.parametrize("effect", sorted(NAMES))
+def test_a_light_table_differs_by_the_effects_that_are_said_to_change_it(effect):
+    """Plans make one table for all others."""
+    metal, surface = Metal(tensor(golden.N), tensor(golden.K), tensor(0.3)), inside()[0][:16]
+    setting = Setting(golden.light(), (LAMP,), PRESETS["standard"], occluder=occluder(golden.bowl()))
+    found, without = (setting.simulating(effects).table_of(metal, surface, 64) for effects in (NAMES, NAMES - {effect}))
+    same = found.light.shape == without.light.shape and torch.equal(found.light, without.light)
+    assert same == (effect not in OF_TABLE)
 
 
 def test_a_diffuse_body_has_the_direct_light_of_mitsuba_lamp_included():
