@@ -14,6 +14,7 @@ from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from datetime import datetime
+from glob import glob
 from itertools import islice, product
 from pathlib import Path
 
@@ -120,12 +121,13 @@ def _kill_one(process: subprocess.Popen[bytes], out: Path, after: int) -> str:
     """The scene whose process was killed, one that had just begun."""
     before: set[Path] | None = None
     while process.poll() is None:
-        under_way = {each for each in out.glob(".unfinished-*/*/*") if not (each / "batch.json").exists()}
+        begun = map(Path, glob(str(out / ".unfinished-*/*/*")))  # Path's own fails where a folder goes meanwhile
+        under_way = {each for each in begun if not (each / "batch.json").exists()}
         if len(_log(out)) >= after:
             before = under_way if before is None else before
-            for begun in under_way - before:
-                os.kill(int(begun.name.partition("-")[0]), signal.SIGKILL)
-                return begun.parent.name
+            for each in under_way - before:
+                os.kill(int(each.name.partition("-")[0]), signal.SIGKILL)
+                return each.parent.name
         time.sleep(0.02)
     return "nothing: the batch had ended"
 
