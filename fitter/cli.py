@@ -30,7 +30,7 @@ from fitter.view_command import view
 from renderer.errors import InputError
 
 WRONG_INPUT, INTERRUPTED = 2, 130  # exit codes, beside those of `fit_command`
-UNTOUCHED = "interrupted; files of earlier results are as they were"
+UNTOUCHED = "interrupted; files of earlier results are as they were, and frontier and batch can go on"
 
 app = typer.Typer(
     add_completion=False,

@@ -16,6 +16,7 @@ if TYPE_CHECKING:
 GOLD, QUIET = "#a8741a", "#9a9ea3"
 STAGE_COLORS = ("#c9a25b", "#7d9bb8", "#4f7a6b", "#b9785f", "#c9c5be")  # the report's
 DOTS_PER_INCH = 150
+SHORT = 6.0  # an axis whose ends differ by no more has few of 1, 2, 5, 10 on it
 NAMES_OF_ERRORS = {"worst": "largest error of n, k, F0, alpha, colour", "picture": "difference from the photographs"}
 
 
@@ -110,11 +111,12 @@ def _label(by: str) -> str:
 
 
 def plain_ticks(axes: Axes) -> None:
-    """Numbers as they are, and not as powers of ten."""
+    """Numbers as they are, and not as powers of ten: of a short axis one at every digit."""
     from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
 
     for axis in (axes.xaxis, axes.yaxis):
-        axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+        low, high = axis.get_view_interval()
+        axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0) if high > SHORT * low else range(1, 10)))
         axis.set_major_formatter(StrMethodFormatter("{x:g}"))
         axis.set_minor_formatter(NullFormatter())
 

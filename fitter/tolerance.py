@@ -69,8 +69,8 @@ class Ascent:
         last = self.rungs[-1]
         if last.movement is None:
             return f"No number is determined, so that none can be said to keep to {self.asked:.2g}."
-        spent = f"after {last.seconds:.1f} s with {last.pixels} pixels of {last.samples} samples"
-        moves = f"no determined number is expected to be off by more than {_share(last.movement)}"
+        spent = f"after {last.seconds:.1f} s of fitting, with {last.pixels} pixels of {last.samples} samples"
+        moves = f"no determined number but the viewer's roughness is expected to be off by over {_share(last.movement)}"
         if self.reached:
             return f"{moves[0].upper()}{moves[1:]} ({last.of}), {_share(self.asked)} were asked for; {spent}."
         worst = ", ".join(f"{name} {_share(left)}" for name, left in self.hopeless.items())

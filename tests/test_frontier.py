@@ -21,7 +21,7 @@ from fitter import frontier_runs
 from fitter.frontier import ERRORS, STAGES, frontier_of, knee, spread
 from fitter.frontier_errors import Reference, consensus, errors, require_of_scene, truth_beside
 from fitter.frontier_page import render_frontier
-from fitter.frontier_plot import frontier_png
+from fitter.frontier_plot import frontier_png, plain_ticks
 from fitter.frontier_rungs import CHOICES, LADDER, Rung, named
 from fitter.frontier_runs import Experiment, Run, measured
 from fitter.frontier_table import csv_text, json_text, terminal_table
@@ -143,6 +143,17 @@ def test_nothing_beats_the_frontier_and_all_else_is_beaten(points):
     free = {a for a in names if not any(at[b][0] < at[a][0] and at[b][1] < at[a][1] for b in names)}
     assert set(found.frontier) == free
     assert {row.rung for row in found.rows if row.beaten_by is None} == free
+
+
+@pytest.mark.parametrize("ends", [(6.9, 9.6), (8.4, 21.0), (0.05, 40.0)])
+def test_an_axis_has_numbers_to_read_it_by(ends):
+    from matplotlib.figure import Figure
+
+    axes = Figure().subplots()
+    axes.set(xscale="log", yscale="log", xlim=ends)
+    plain_ticks(axes)
+    shown = [tick for tick in axes.get_xticks() if ends[0] <= tick <= ends[1]]
+    assert 3 <= len(shown) <= 14
 
 
 def test_the_knee_is_where_a_hyperbola_bends():

@@ -42,6 +42,8 @@ def accuracy_figure(panels: Sequence[Panel]) -> Figure:
     colors = _colors(rungs_of([frontier for *_, frontier in panels]))
     for material, environment, frontier in panels:
         _draw(grid[materials.index(material), environments.index(environment)], frontier, colors)
+    for axes in grid.flat:
+        plain_ticks(axes)
     for axes, environment in zip(grid[0], environments, strict=True):
         axes.set_title(environment, fontsize=9)
     for axes, material in zip(grid[:, 0], materials, strict=True):
@@ -74,7 +76,6 @@ def _draw(axes: Axes, frontier: Frontier, colors: Mapping[str, str]) -> None:
             axes.plot(
                 x, 100 * y, "o", markersize=12, markeredgecolor=INK, markerfacecolor="none", zorder=4, label="knee"
             )
-    plain_ticks(axes)
     quiet_frame(axes)
 
 
