@@ -11,11 +11,10 @@ import trimesh
 
 from renderer.atomic import write_bytes_atomically, write_text_atomically
 from renderer.camera import Camera, look_at
-from renderer.images import write_exr
+from renderer.images import png, write_exr
 from renderer.model import read_model
 from renderer.studio import studio
 from renderer.surroundings import surroundings
-from renderer.viewer.display import png
 from renderer.viewer.offscreen import render
 from shaders.tone_mapping import tone_mapped
 
