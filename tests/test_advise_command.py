@@ -201,8 +201,8 @@ def test_another_name_of_the_material_is_refused(scene, refused):
     ("change", "field", "value"),
     [
         ({"n": None}, "n", "null"),
-        ({"n": [0.2, -0.4, 1.0]}, "n", "(0.2, -0.4, 1.0)"),
-        ({"k": [1e300, 1, 1]}, "k", "(1e+300, 1.0, 1.0)"),
+        ({"n": [0.2, -0.4, 1.0]}, "n", "[0.2, -0.4, 1.0]"),
+        ({"k": [1e300, 1, 1]}, "k", "[1e+300, 1.0, 1.0]"),
         ({"alpha": 0.0}, "alpha", "0.0"),
         ({"type": "glossy"}, "color", "null"),
     ],
