@@ -11,6 +11,8 @@ from pathlib import Path
 from renderer.errors import InputError
 
 TABLE = Path(__file__).with_name("metals.csv")
+DARKEST_METAL = 0.01  # F0 below which nothing is a metal: tungsten, the table's darkest, has 0.5, glass 0.04
+DARKEST_MATTE = 0.002  # colour below which nothing is a matte material: black velvet and soot have more
 
 
 @dataclass(frozen=True)

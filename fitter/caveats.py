@@ -4,14 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 
+from fitter.catalogue import DARKEST_MATTE, DARKEST_METAL
 from fitter.fidelity import Fidelity
 from fitter.loading import Loaded
 from fitter.parts import FittedPart
 from fitter.result import FittedMaterial
 
 NAMED = 3  # photographs, at most
-DARKEST_METAL = 0.01  # F0, of all channels: of index 1.2, or of metals none
-DARKEST_MATTE = 0.002  # colour, of all channels: black velvet and soot have more
 
 
 def caveats(loaded: Loaded, parts: Sequence[FittedPart], fidelity: Fidelity) -> list[str]:

@@ -10,7 +10,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from fitter.noise import relative_weight, scatter
-from fitter.residuals import ROBUST_AT, Residuals, huber
+from fitter.residuals import ROBUST_AT, huber
 from fitter.result import MaterialType
 from fitter.search import Fit, Problem, draft, fit_material, refined
 
@@ -96,9 +96,4 @@ def _relative_differences(fit: Fit) -> list[Float[Tensor, "p 3"]]:
     residuals = fit.residuals
     factors, own = residuals.factors(fit.x), residuals.is_measured
     weight = relative_weight((residuals.photograph / factors)[own])
-    return [(half.difference(fit.x) / factors)[own] * weight for half in _halves(residuals)]
-
-
-def _halves(residuals: Residuals) -> tuple[Residuals, Residuals]:
-    """With either half of the table, which a matte material has not."""
-    return (residuals, residuals) if residuals.model.table is None else residuals.halves
+    return [(half.difference(fit.x) / factors)[own] * weight for half in residuals.halves]

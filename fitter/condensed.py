@@ -34,7 +34,7 @@ def solved(residuals: Residuals, starts: Sequence[Float[Tensor, " x"]], solver: 
     """The least squares of the residuals: condensed where the picture allows it, else as they are, by the first start.
 
     Of the minima that the starts lead to, the deepest counts. Outliers are weighed by where the last solution left
-    them, at first by the first start, and anew until that moves nothing; and so it is decided which bounds pull.
+    them, at first by the first start, and anew until that moves nothing; which bounds pull is decided with them.
     """
     first, *others = starts
     if not residuals.mixes(first):

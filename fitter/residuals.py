@@ -72,18 +72,16 @@ class Residuals:
 
     def difference(self, x: Float[Tensor, " x"]) -> Float[Tensor, "p 3"]:
         """Model less photograph; of lower bounds, what is missing to them and to what noise may have lifted there."""
-        return self._missing(self.picture(x) - self.photograph)
+        found = self.picture(x) - self.photograph
+        if self.bounded is None:
+            return found
+        lifted = LIFTED / self.whitening.diagonal(dim1=1, dim2=2)
+        return torch.where(self.bounded[:, None], (found + lifted).clamp_max(0), found)
 
     @property
     def is_measured(self) -> Bool[Tensor, " p"]:
         """Which pixels are more than bounded."""
         return torch.ones(len(self.photograph), dtype=torch.bool) if self.bounded is None else ~self.bounded
-
-    def _missing(self, difference: Float[Tensor, "p 3"]) -> Float[Tensor, "p 3"]:
-        if self.bounded is None:
-            return difference
-        lifted = LIFTED / self.whitening.diagonal(dim1=1, dim2=2)
-        return torch.where(self.bounded[:, None], (difference + lifted).clamp_max(0), difference)
 
     def whitened(self, x: Float[Tensor, " x"]) -> Float[Tensor, "p 3"]:
         """The differences, their noise made independent and of variance 1; outliers count by their size alone."""

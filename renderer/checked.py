@@ -19,7 +19,7 @@ from pydantic import (
 )
 from pydantic_core import ErrorDetails, PydanticCustomError
 
-from renderer.errors import InputError
+from renderer.errors import InputError, as_written
 
 Model = TypeVar("Model", bound=BaseModel)
 
@@ -146,10 +146,8 @@ def _field(location: Sequence[int | str]) -> str:
 
 def _quoted(value: Any) -> str:
     """A value as the user wrote it, or its beginning."""
-    if isinstance(value, tuple):
-        value = list(value)
     try:
-        text = f'"{value}"' if isinstance(value, str) else str(value)
+        text = f'"{value}"' if isinstance(value, str) else as_written(value)
     except ValueError:  # Python writes no int of more than 4300 digits
         text = "a number of thousands of digits"
     return shortened(text, 200)

@@ -18,6 +18,10 @@ class InputError(Exception):
     def __init__(self, file: str | Path, field: str = "", value: object = "", expected: str = "") -> None:
         self.file, self.field, self.value, self.expected = str(file), field, value, expected
         where = f"{self.file}: {field}" if field else self.file
-        shown = list(value) if isinstance(value, tuple) else value  # as files have it
-        found = f" is {shown}," if str(value) else ""
+        found = f" is {as_written(value)}," if str(value) else ""
         super().__init__(f"{where}:{found} expected {expected}".replace("\n", " "))
+
+
+def as_written(value: object) -> str:
+    """A value's text, of a tuple as the list that files have."""
+    return str(list(value) if isinstance(value, tuple) else value)

@@ -153,7 +153,7 @@ def test_an_axis_has_numbers_to_read_it_by(ends):
     axes.set(xscale="log", yscale="log", xlim=ends)
     plain_ticks(axes)
     shown = [tick for tick in axes.get_xticks() if ends[0] <= tick <= ends[1]]
-    assert 3 <= len(shown) <= 14
+    assert 3 <= len(shown) <= 14  # two tell no scale, and of more the numbers of a small plot would meet
 
 
 def test_the_knee_is_where_a_hyperbola_bends():

@@ -12,6 +12,7 @@ import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
+from fitter.catalogue import DARKEST_MATTE
 from fitter.preflight.finding import Finding, percent
 from fitter.preflight.orientation import orientations, upright
 from fitter.preflight.suppositions import Supposition, Trial, Tribunal
@@ -22,7 +23,6 @@ DECISIVE = 1.6
 LEAST = 0.03  # by which a misfit has to fall, whatever the factor
 AS_GOOD = 1.1  # times the least misfit, at which the simpler of two orientations is told
 GAIN = 1.2  # factor by which an exposure is wrong
-DARKEST = 0.002  # of what a white matte object would send; black velvet and soot send more
 
 
 @dataclass(frozen=True)
@@ -117,7 +117,7 @@ def findings(found: Sequence[Step], photographs: Sequence[Named], tribunal: Trib
 def darkness_findings(tribunal: Tribunal) -> list[Finding]:
     """Whether the photographs are darker than any material; of those that are fitted exposures are said."""
     brightness = tribunal.brightness
-    if brightness >= DARKEST:
+    if brightness >= DARKEST_MATTE:
         return []
     value = f"{brightness:.2g} times as bright as a white matte object in this light, darker than any material"
     remedy = 'give exposures in the environment\'s own units, correct environment.scale, or set it to "fit"'
