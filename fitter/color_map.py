@@ -11,24 +11,29 @@ import numpy as np
 import torch
 from jaxtyping import Float, Int, UInt8
 
-from fitter.color_map_rows import rows
+from fitter.albedo import albedo
+from fitter.color_map_rows import Light, Rows, light_on, rows
 from fitter.color_map_solve import solve, texture_size
+from fitter.fit_options import FitOptions
 from fitter.loading import Loaded
 from fitter.parts import FittedPart
 from fitter.pictures import LONGEST_SIDE, Rgba
+from fitter.places import LightShare
 from fitter.progress import Progress
+from fitter.received_light import DARK, Albedo, ReceivedLight
 from fitter.result import FittedMaterial, Intervals, Maps
 from renderer.atomic import write_bytes_atomically
 from renderer.errors import InputError
-from renderer.gbuffer import Tracer
+from renderer.gbuffer import GBuffer, Tracer
 from renderer.images import png
 from renderer.mesh import Mesh
-from renderer.textures import Texture
-from renderer.unwrapped import filled, unwrapped
+from renderer.textures import Texture, lookup
+from renderer.unwrapped import Unwrapped, filled, unwrapped
 from shaders.materials import Glossy, Matte
 from shaders.tone_mapping import srgb
 
 SMALLEST, LARGEST = 16, 4096  # texels along a side
+ROUNDS = 3  # of light that the object sends itself, and of the texture in it: each errs by a tenth of the last
 LEAST_MEAN = 1e-3  # of a channel's texels, below which a tint would only be rounding
 
 
@@ -72,26 +77,74 @@ def require_mappable(shape: object, source: Path | None, maps: Sequence[str]) ->
         raise InputError(source or "mesh", expected="texture coordinates (vt) for --maps color, on every part")
 
 
-def with_color_map(part: FittedPart, loaded: Loaded, trace: Tracer, seed: int, progress: Progress) -> FittedPart:
-    """The part with the texture of its body; one of metal as it was."""
+def with_color_maps(
+    parts: Sequence[FittedPart], loaded: Loaded, trace: Tracer, options: FitOptions, progress: Progress
+) -> list[FittedPart]:
+    """The parts with the textures of their bodies; those of metal as they were."""
+    returning = "interreflection" not in options.unwanted
+    return [_with_color_map(part, parts, loaded, trace, returning, options.seed, progress) for part in parts]
+
+
+def _with_color_map(
+    part: FittedPart,
+    parts: Sequence[FittedPart],
+    loaded: Loaded,
+    trace: Tracer,
+    returning: bool,
+    seed: int,
+    progress: Progress,
+) -> FittedPart:
     if part.material.type == "metal":
         return replace(part, told=f"{part.told} Metals have no body to be coloured, and no colour map.")
     assert isinstance(loaded.shape, Mesh)
-    found = rows(part, loaded.photographs, trace, sorted(loaded.repeated), seed, lambda s: progress("colour map", s))
+    where = (loaded.photographs, trace, sorted(loaded.repeated))
+    received = light_on(part, *where, returning, seed)
+    found = rows(part, *where, received, lambda share: progress("colour map", share))
     if not any((each.area > 0).any() for each in found):
         return replace(part, told=f"{part.told} Its faces have no texture coordinates: there is no colour map of it.")
     size = texture_size(found, SMALLEST, LARGEST)
-    progress("colour map", 1.0)
+    layout = unwrapped(loaded.shape, part.index, size, size)
+    share = None if received is None else received.unreflected
+    made = _color_map(part, found, share, layout)
+    if received is not None and received.returned is not None:
+        for _ in range(ROUNDS):
+            light = received.reflected_by(_albedo(part, parts, made))
+            share, made = light.share, _color_map(part, found, light, layout)
+    mean = _mean(part)
+    setting = replace(part.setting, color_map=Texture(torch.from_numpy(made.color / mean)), received=share)
+    told = f"{part.told} {_on_spots(part)}{made.sentence}{_on_returned(received, share, found)}"
+    return replace(part, material=_recolored(part.material, made.mean), setting=setting, told=told, color_map=made)
+
+
+def _color_map(part: FittedPart, found: Sequence[Rows], light: Light, layout: Unwrapped) -> ColorMap:
+    """The texture by which the photographs come nearest in this light."""
+    solution = solve(found, len(layout.inside), _mean(part), light)
+    color = np.clip(filled(solution.color, solution.solved, layout), 0, 1)
+    return ColorMap(color, np.where(layout.inside, solution.photographs, 0), solution.scatter)
+
+
+def _mean(part: FittedPart) -> Float[np.ndarray, "3"]:
+    """Of the texture, about."""
     material = part.choice.fit.material
     assert isinstance(material, Glossy | Matte)
-    mean = material.color.clamp_min(LEAST_MEAN).numpy()
-    solution = solve(found, size, mean)
-    layout = unwrapped(loaded.shape, part.index, size, size)
-    color = np.clip(filled(solution.color, solution.solved, layout), 0, 1)
-    made = ColorMap(color, np.where(layout.inside, solution.photographs, 0), solution.scatter)
-    setting = replace(part.setting, color_map=Texture(torch.from_numpy(made.color / mean)))
-    told = f"{part.told} {_on_spots(part)}{made.sentence}"
-    return replace(part, material=_recolored(part.material, made.mean), setting=setting, told=told, color_map=made)
+    return material.color.clamp_min(LEAST_MEAN).numpy()
+
+
+def _albedo(part: FittedPart, parts: Sequence[FittedPart], made: ColorMap) -> Albedo:
+    """What the object sends back: the material in the colours found, the others in their even ones."""
+    texture = Texture(torch.from_numpy(made.color))
+
+    def sent(surface: GBuffer) -> Float[np.ndarray, "m 3"]:
+        found = torch.zeros(len(surface.hit), 3, dtype=torch.float64)  # of what is in no photograph
+        for each in parts:
+            own, material = surface.material == each.index, each.choice.fit.material
+            if each.index == part.index:
+                assert isinstance(material, Glossy | Matte)
+                material = replace(material, color=lookup(texture, surface.uv[own]).double())
+            found[own] = albedo(material, each.setting.fidelity.distribution)
+        return found.numpy()
+
+    return sent
 
 
 def _on_spots(part: FittedPart) -> str:
@@ -99,6 +152,18 @@ def _on_spots(part: FittedPart) -> str:
         return ""
     return (
         "Hardly any place is seen by two photographs: what the material mirrors was fitted as if its colour were even. "
+    )
+
+
+def _on_returned(received: ReceivedLight | None, share: LightShare | None, found: Sequence[Rows]) -> str:
+    """How much of its light the object sends itself, where it is seen."""
+    if received is None or share is None or received.returned is None:
+        return ""
+    more = (1 - received.unreflected.share / np.maximum(share.share, DARK)).mean(1)
+    seen = np.concatenate([each.mixing @ more for each in found if each.mixing is not None])
+    return (
+        f" The object itself sends {seen.mean():.1%} of the diffuse light that pixels show, to every twentieth"
+        f" {np.quantile(seen, 0.95):.1%} or more: this is not taken for colour."
     )
 
 

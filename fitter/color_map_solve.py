@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 import torch
@@ -13,11 +12,10 @@ from scipy import sparse
 from scipy.ndimage import gaussian_filter
 from scipy.sparse.linalg import LinearOperator, cg
 
-from fitter.color_map_rows import Rows
+from fitter.color_map_rows import Light, Rows
 from fitter.noise import MAD_TO_SIGMA, relative_weight
+from fitter.places import Sparse
 from renderer.textures import texel_weights
-
-Sparse = Any  # a csr_matrix, of which scipy's own annotations do not know that it has products and columns
 
 ROUNDS = 6  # of weights by what the last one left
 ROBUST_AT = 6.0  # standard deviations of the noise, whose skew a nearer threshold would take for darkness
@@ -65,7 +63,7 @@ def texture_size(rows: Sequence[Rows], smallest: int, largest: int) -> int:
     return int(min(max(2 ** round(np.log2(side)), smallest), largest))
 
 
-def solve(rows: Sequence[Rows], size: int, mean: Float[np.ndarray, "3"]) -> Solution:
+def solve(rows: Sequence[Rows], size: int, mean: Float[np.ndarray, "3"], light: Light = None) -> Solution:
     """The texture of size² texels that comes nearest to the photographs.
 
         Σ w² (seen - surface - body · mean of texels)² / 2σ² + Σ |c_t - c_u| / τ
@@ -80,6 +78,7 @@ def solve(rows: Sequence[Rows], size: int, mean: Float[np.ndarray, "3"]) -> Solu
         rows: of each photograph.
         size: of the texture, along either side.
         mean: about what its mean is.
+        light: on the object.
     """
     weights = [_weights(each, size) for each in rows]
     covered = [_coverage(each, weight, size) for each, weight in zip(rows, weights, strict=True)]
@@ -89,9 +88,9 @@ def solve(rows: Sequence[Rows], size: int, mean: Float[np.ndarray, "3"]) -> Solu
     columns = np.flatnonzero(solved)
     mixing = mixing[:, columns]
     known = np.asarray(mixing.sum(1)).ravel() > 1 - 1e-6  # all of its texels are solved
-    seen, surface, body = (
-        torch.cat([getattr(each, key) for each in rows]).numpy()[known] for key in ("seen", "surface", "body")
-    )
+    seen = torch.cat([each.seen for each in rows]).numpy()[known]
+    surface = np.concatenate([each.mirrored(light) for each in rows])[known]
+    body = np.concatenate([each.body(light) for each in rows])[known]
     color, scatter = _rounds(mixing[known], body, seen - surface, surface, mean, _steps(solved, size), (columns, size))
     texture = np.zeros((size * size, 3))
     texture[columns] = color

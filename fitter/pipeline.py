@@ -12,7 +12,7 @@ import torch
 from fitter import quality
 from fitter.beside import Beside, found_beside
 from fitter.caveats import caveats
-from fitter.color_map import map_pictures, require_mappable, with_color_map, with_written_maps
+from fitter.color_map import map_pictures, require_mappable, with_color_maps, with_written_maps
 from fitter.consistent import require_consistent
 from fitter.curves import Curve, reflectance_curve
 from fitter.devices import torch_device
@@ -94,7 +94,7 @@ def fit_scene(
         loaded = loaded if refined is None else refined.loaded
         planned = fit_planned(loaded, trace, setting, options, progress, scene_file)
         if "color" in options.maps:
-            mapped = [with_color_map(part, loaded, trace, options.seed, progress) for part in planned.parts]
+            mapped = with_color_maps(planned.parts, loaded, trace, options, progress)
             planned = replace(planned, parts=with_written_maps(mapped, loaded.name, folder))
         parts = planned.parts
         solving = sum(part.choice.fit.solve_seconds for part in parts)

@@ -12,6 +12,7 @@ from torch import Tensor
 
 from fitter.fidelity import Fidelity
 from fitter.pixel_model import DIFFUSE_DEGREE, PixelModel, central, exact_pixels, viewer_pixels
+from fitter.places import LightShare
 from fitter.reflectances import REFLECTANCES
 from fitter.textured_pixels import TintedPixels
 from renderer import cubemap, transport
@@ -49,6 +50,7 @@ class Setting:
         color_map: the tint of the body by texture coordinates; None where it is even.
         openness: maps of ambient occlusion of the object's materials, which count in place of what rays find; None, or
             left out, where there is none.
+        received: what diffuse light reaches the object, for pictures; None where a few rays shall tell.
     """
 
     environment: Environment
@@ -59,6 +61,7 @@ class Setting:
     occluder: Occluder | None = None
     color_map: Texture | None = None
     openness: tuple[Texture | None, ...] = ()
+    received: LightShare | None = None
 
     def simulating(self, effects: frozenset[str]) -> Setting:
         """The same light with these effects, and no others."""
@@ -183,6 +186,8 @@ class Setting:
         """The light of points [p] that what stands before it leaves over."""
         if occluder is None and len(surface.hit) <= MOST_DIFFUSE:
             return diffuse_table(surface.normal, self._near, DIFFUSE_DEGREE)
+        if occluder is not None and shown and self.received is not None:
+            return self._diffuse_by_rays(surface, shown, None) * self.received.at(surface)[:, None].float()
         if occluder is not None and (not shown or len(surface.hit) <= MOST_OCCLUDED):
             before = occluder, occluder.origins(surface)
             return diffuse_table(surface.normal, self._near, DIFFUSE_DEGREE, before)

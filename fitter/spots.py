@@ -105,14 +105,26 @@ def _sighting(photograph: Photograph, number: int, trace: Tracer, spots: GBuffer
     extent = (spots.position.amax(0) - spots.position.amin(0)).norm()
     usable = centres.front & (centres.n_dot_v > LEAST_COSINE) & (away < SAME_PLACE * extent)
     spot, centres = spot[usable], centres[usable]
-    surface = gbuffer.pixel_footprints(trace, camera, x[spot] - 0.5, y[spot] - 0.5, footprint)
-    radiance, known = _interpolated(photograph, x[spot], y[spot])
+    x, y = x[spot], y[spot]
+    across, down = (_interpolated_width(each) for each in (x, y))
+    surface = gbuffer.film_footprints(trace, camera, x, y, across, down, footprint)
+    radiance, known = _interpolated(photograph, x, y)
     whole = (surface.front & (surface.material == centres.material[:, None])).all(-1)
     smooth = whole & without_edge(surface, footprint)
     usable = known & (whole if 2 * smooth.sum() < whole.sum() else smooth)  # facets leave few without an edge
-    place = torch.stack([torch.full_like(spot, number), y[spot].long(), x[spot].long()], 1)
+    place = torch.stack([torch.full_like(spot, number), y.long(), x.long()], 1)
     mirrors = sees_itself(trace, centres[usable])
     return _Sighting(spot[usable], place[usable], surface[usable], radiance[usable], mirrors)
+
+
+def _interpolated_width(position: Float[Tensor, " s"]) -> Float[Tensor, " s"]:
+    """Side of the square of film of which `_interpolated` is about the mean, in pixels.
+
+    Between pixels, a share f from one's centre to the next one's, it mixes both with a variance of 1/12 + f (1 - f)
+    about the place; a square of side w has w²/12. Taken for one pixel it would be a wider lobe.
+    """
+    share = (position - 0.5) - (position - 0.5).floor()
+    return (1 + 12 * share * (1 - share)).sqrt()
 
 
 def _interpolated(

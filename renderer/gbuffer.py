@@ -126,11 +126,33 @@ def pixel_footprints(
         side: rays along each side.
         width: of the pixels, in the camera's own; more than 1 for blocks of them.
     """
-    offset = torch.tensor(equal_weight_nodes(side), dtype=torch.float64)
+    x, y = (width * (each.double() + 0.5) for each in (column, row))
+    return film_footprints(trace, camera, x, y, width, width, side)
+
+
+def film_footprints(
+    trace: Tracer,
+    camera: Camera,
+    x: Float[Tensor, " p"],
+    y: Float[Tensor, " p"],
+    across: Float[Tensor, " p"] | float,
+    down: Float[Tensor, " p"] | float,
+    side: int,
+) -> GBuffer:
+    """The G-buffer [p, side²] of such a grid of rays inside rectangles of the film.
+
+    Args:
+        trace: of the object.
+        camera: whose film.
+        x, y: middle of each rectangle, in pixels.
+        across, down: its sides.
+        side: rays along each.
+    """
+    offset = torch.tensor(equal_weight_nodes(side), dtype=torch.float64) - 0.5
     dy, dx = (grid.flatten() for grid in torch.meshgrid(offset, offset, indexing="ij"))
-    x, y = column[:, None] + dx, row[:, None] + dy
-    origins, directions = camera.rays(width * x.flatten(), width * y.flatten())
-    return trace(origins, directions).reshape(len(column), side**2)
+    across, down = (torch.as_tensor(each, dtype=torch.float64).expand(len(x))[:, None] for each in (across, down))
+    origins, directions = camera.rays((x[:, None] + across * dx).flatten(), (y[:, None] + down * dy).flatten())
+    return trace(origins, directions).reshape(len(x), side**2)
 
 
 # Halves of Chebyshev's equal-weight nodes on [-1, 1] [Abramowitz & Stegun 1964, table 25.5]

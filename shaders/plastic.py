@@ -68,6 +68,28 @@ def transmittance(
     return (weight * passed).sum(-1)
 
 
+def reflectance(
+    mu: Float[Tensor, "*p"], eta: Float[Tensor, ...], alpha: Float[Tensor, ...], distribution: Distribution
+) -> Float[Tensor, "*p"]:
+    """R(µ), the share of light from outside that the rough interface mirrors.
+
+        R(µ) = ∫ D_v(h) F(v·h; η) G1(l) dω_h,    l = v mirrored at h        [Heitz 2018, eq. 18, integrated]
+
+    F(µ) in the limit α → 0. With T(µ) it is less than 1: what is shadowed is lost.
+
+    Args:
+        mu, eta, alpha: as of `transmittance`.
+
+    Returns:
+        R, in [0, 1].
+    """
+    mu, eta, alpha = (value[..., None] for value in torch.broadcast_tensors(mu.clamp_min(_GRAZING), eta, alpha))
+    h_x, h_z, weight = _visible_normals(mu, alpha, distribution)
+    cos_d = root((1 - mu) * (1 + mu)) * h_x + mu * h_z
+    mirrored = fresnel.dielectric(cos_d, eta) * lobe.smith_g1(2 * cos_d * h_z - mu, alpha, distribution)
+    return (weight * mirrored).sum(-1)
+
+
 def _refracted(cos_d: Float[Tensor, "*p"], eta: Float[Tensor, ...]) -> Float[Tensor, "*p"]:
     """Cosine inside, √(η² - 1 + c²)/η: Snell's law in the form that keeps c where η → 1."""
     return root((eta - 1) * (eta + 1) + cos_d**2) / eta

@@ -92,7 +92,7 @@ def rows_of(texture: np.ndarray, pixels: int, noise: float, seed: int, across: f
     color = lookup(Texture(torch.from_numpy(texture)), uv).mean(1)
     normal = torch.randn(pixels, 3, generator=generator, dtype=torch.float64)
     seen = (surface + body * color) * (1 + noise * normal)
-    return Rows(uv.float(), torch.full((pixels,), 1 / size**2), seen, surface, body)
+    return Rows(uv.float(), torch.full((pixels,), 1 / size**2), seen, surface, body, 0 * body)
 
 
 def test_texels_are_found_again_from_photographs_without_noise():

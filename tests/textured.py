@@ -73,12 +73,33 @@ def photograph_textured(
 
 def ball(path: Path, rows: int = 24, columns: int = 48) -> Path:
     """A unit ball with texture coordinates and vertex normals: u round +Y, v from the south pole to the north pole."""
-    v, u = np.meshgrid(np.linspace(0, 1, rows + 1), np.linspace(0, 1, columns + 1), indexing="ij")
+    u, v = _grid(rows, columns)
     theta, phi = np.pi * (1 - v), 2 * np.pi * u
-    places = np.stack([np.sin(theta) * np.sin(phi), np.cos(theta), np.sin(theta) * np.cos(phi)], -1).reshape(-1, 3)
-    lines = [f"v {x:.9f} {y:.9f} {z:.9f}\nvn {x:.9f} {y:.9f} {z:.9f}" for x, y, z in places]
-    lines += [f"vt {a:.9f} {b:.9f}" for a, b in zip(u.ravel(), v.ravel(), strict=True)]
-    number = 1 + np.arange(places.shape[0]).reshape(rows + 1, columns + 1)
+    normal = np.stack([np.sin(theta) * np.sin(phi), np.cos(theta), np.sin(theta) * np.cos(phi)], -1)
+    return _write(path, normal, normal)
+
+
+def ring(path: Path, thickness: float = 0.5, rows: int = 24, columns: int = 48) -> Path:
+    """A torus of radius 1 about +Y with texture coordinates and vertex normals, whose inner side lights itself."""
+    u, v = _grid(rows, columns)
+    theta, phi = 2 * np.pi * v, 2 * np.pi * u
+    normal = np.stack([np.cos(theta) * np.sin(phi), np.sin(theta), np.cos(theta) * np.cos(phi)], -1)
+    axis = np.stack([np.sin(phi), 0 * phi, np.cos(phi)], -1)
+    return _write(path, axis + thickness * normal, normal)
+
+
+def _grid(rows: int, columns: int) -> tuple[Float[np.ndarray, "r c"], Float[np.ndarray, "r c"]]:
+    """u and v of vertices from (0, 0) to (1, 1)."""
+    v, u = np.meshgrid(np.linspace(0, 1, rows + 1), np.linspace(0, 1, columns + 1), indexing="ij")
+    return u, v
+
+
+def _write(path: Path, places: Float[np.ndarray, "r c 3"], normals: Float[np.ndarray, "r c 3"]) -> Path:
+    rows, columns = (count - 1 for count in places.shape[:2])
+    lines = [f"v {x:.9f} {y:.9f} {z:.9f}" for x, y, z in places.reshape(-1, 3)]
+    lines += [f"vn {x:.9f} {y:.9f} {z:.9f}" for x, y, z in normals.reshape(-1, 3)]
+    lines += [f"vt {a:.9f} {b:.9f}" for a, b in zip(*(each.ravel() for each in _grid(rows, columns)), strict=True)]
+    number = 1 + np.arange((rows + 1) * (columns + 1)).reshape(rows + 1, columns + 1)
     for i in range(rows):
         for j in range(columns):
             a, b, c, d = number[i, j], number[i, j + 1], number[i + 1, j + 1], number[i + 1, j]
