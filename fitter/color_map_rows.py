@@ -34,7 +34,7 @@ SIDE = 3  # rays along each side of a pixel
 MOST_PIXELS = 1_500_000  # of all photographs; of more, blocks of pixels are taken together
 LEAST_COSINE = 0.2  # n·v: of pixels that see the surface flatter, three rays a side leave gaps
 SAMPLES = 64  # directions of the mirrored light, at most
-MIRRORED = 8  # directions in which a pixel looks for the object, of which it mirrors some hundredths
+MIRRORED = 32  # directions in which a pixel looks for the object that it mirrors
 AT_ONCE = 1 << 15  # pixels
 TENSORS = ("uv", "area", "seen", "surface", "far", "lamps")
 

@@ -23,8 +23,8 @@ from renderer.visibility import cosine_directions
 PLACES = 40000  # of a surface that fills 200² texels about every one
 FURTHER = 10000  # places on what those receive light from, which no photograph need show
 BLOCKS = 768  # of the environment, that rays are cast towards: shadows need many places before many directions
-DIRECTIONS = 64  # in which each place looks for the object
-AT_ONCE = 1 << 13  # places
+FEW, DIRECTIONS = 16, 256  # in which a place looks for what it receives light from, and for how much that is
+AT_ONCE = 1 << 11  # places
 LEAST, BOUNCES = 1e-4, 64  # of the light, which the last bounce may add; 64 leave that inside of nine tenths of a ball
 DARK = 1e-20  # radiance that counts as none
 
@@ -118,11 +118,11 @@ def received_light(setting: Setting, seen: GBuffer, trace: Tracer, returning: bo
     generator = torch.Generator().manual_seed(seed)
     surface, returned = _some(seen, PLACES, generator), None
     if returning:
-        met, _ = _look_around(surface, setting, trace, generator)
+        met, _ = _look_around(surface, setting, trace, FEW, generator)
         surface = gbuffer.concatenate([surface, _some(met, FURTHER, generator)])
     places = Places(surface)
     if returning:
-        met, gathering = _look_around(surface, setting, trace, generator)
+        met, gathering = _look_around(surface, setting, trace, DIRECTIONS, generator)
         returned = Returned(met, gathering, places.mixing(met)) if len(met.hit) else None
     near = replace(setting.environment, radiance=setting.environment.radiance.cpu())
     occluder = setting.occluder
@@ -141,16 +141,16 @@ def _some(surface: GBuffer, most: int, generator: torch.Generator) -> GBuffer:
 
 
 def _look_around(
-    surface: GBuffer, setting: Setting, trace: Tracer, generator: torch.Generator
+    surface: GBuffer, setting: Setting, trace: Tracer, count: int, generator: torch.Generator
 ) -> tuple[GBuffer, Sparse]:
-    """What rays from places [n] meet of the object's front, and its mean over each place's rays, [n, m].
+    """What rays from places [n], so many from each, meet of the object's front, and its mean over them, [n, m].
 
     The rays are distributed as the cosine, by Sobol points, shifted by chance from place to place [Cranley & Patterson
     1976], so that neighbours err independently.
     """
     occluder = setting.occluder
     assert occluder is not None
-    points = torch.quasirandom.SobolEngine(2, scramble=True, seed=0).draw(DIRECTIONS).double()
+    points = torch.quasirandom.SobolEngine(2, scramble=True, seed=0).draw(count).double()
     found, gathering = [], []
     for part in torch.arange(len(surface.hit)).split(AT_ONCE):
         some = surface[part]
