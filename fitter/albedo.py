@@ -19,7 +19,7 @@ def albedo(material: Material, distribution: Distribution) -> Float[Tensor, "*p 
 
         matte    color
         glossy   color · outcoupling · T̄² + R̄,   T̄ = 2 ∫ T(µ) µ dµ, and R̄ like that, of `shaders.plastic`
-        metal    the reflectance from the front, which that of all sides is above by a twentieth of what it lacks of 1
+        metal    F0, above which the mean over all sides is by (1 - F0)/21 [Schlick 1994, eq. 15, integrated]
 
     Args:
         material: colours may be of many places, [*p, 3].

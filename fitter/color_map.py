@@ -12,19 +12,19 @@ import torch
 from jaxtyping import Float, Int, UInt8
 
 from fitter.albedo import albedo
-from fitter.color_map_rows import Light, Rows, light_on, rows
+from fitter.color_map_rows import Rows, radiosity_on, rows
 from fitter.color_map_solve import solve, texture_size
 from fitter.fit_options import FitOptions
 from fitter.loading import Loaded
 from fitter.parts import FittedPart
 from fitter.pictures import LONGEST_SIDE, Rgba
-from fitter.places import LightShare
+from fitter.planned_fit import PlannedFit
 from fitter.progress import Progress
-from fitter.received_light import DARK, Albedo, ReceivedLight
+from fitter.radiosity import DARK, Albedo, DiffuseLight, Met
 from fitter.result import FittedMaterial, Intervals, Maps
 from renderer.atomic import write_bytes_atomically
 from renderer.errors import InputError
-from renderer.gbuffer import GBuffer, Tracer
+from renderer.gbuffer import Tracer
 from renderer.images import png
 from renderer.mesh import Mesh
 from renderer.textures import Texture, lookup
@@ -78,11 +78,18 @@ def require_mappable(shape: object, source: Path | None, maps: Sequence[str]) ->
 
 
 def with_color_maps(
-    parts: Sequence[FittedPart], loaded: Loaded, trace: Tracer, options: FitOptions, progress: Progress
-) -> list[FittedPart]:
-    """The parts with the textures of their bodies; those of metal as they were."""
+    planned: PlannedFit, loaded: Loaded, trace: Tracer, options: FitOptions, progress: Progress
+) -> PlannedFit:
+    """The fit with the textures of its parts' bodies; those of metal as they were."""
     returning = "interreflection" not in options.unwanted
-    return [_with_color_map(part, parts, loaded, trace, returning, options.seed, progress) for part in parts]
+    parts = list(planned.parts)
+    for place, part in enumerate(parts):
+        parts[place] = _with_color_map(part, parts, loaded, trace, returning, options.seed, progress)
+    counted = any("interreflection" in part.setting.effects for part in parts if part.color_map is not None)
+    plan = (
+        planned.plan.with_on("interreflection", "colour maps count it, as diffuse light") if counted else planned.plan
+    )
+    return replace(planned, parts=parts, plan=plan)
 
 
 def _with_color_map(
@@ -97,51 +104,61 @@ def _with_color_map(
     if part.material.type == "metal":
         return replace(part, told=f"{part.told} Metals have no body to be coloured, and no colour map.")
     assert isinstance(loaded.shape, Mesh)
+    progress("colour map", 0)
     where = (loaded.photographs, trace, sorted(loaded.repeated))
-    received = light_on(part, *where, returning, seed)
-    found = rows(part, *where, received, lambda share: progress("colour map", share))
+    places = radiosity_on(part, *where, returning, seed)
+    found = rows(part, *where, places, lambda share: progress("colour map", share))
     if not any((each.area > 0).any() for each in found):
         return replace(part, told=f"{part.told} Its faces have no texture coordinates: there is no colour map of it.")
     size = texture_size(found, SMALLEST, LARGEST)
     layout = unwrapped(loaded.shape, part.index, size, size)
-    share = None if received is None else received.unreflected
-    made = _color_map(part, found, share, layout)
-    if received is not None and received.returned is not None:
+    light = None if places is None else places.light()
+    made = _color_map(part, found, light, layout)
+    effects, counted = part.setting.effects - {"interreflection"}, ""
+    if places is not None and places.transfer is not None:
         for _ in range(ROUNDS):
-            light = received.reflected_by(_albedo(part, parts, made))
-            share, made = light.share, _color_map(part, found, light, layout)
-    mean = _mean(part)
-    setting = replace(part.setting, color_map=Texture(torch.from_numpy(made.color / mean)), received=share)
-    told = f"{part.told} {_on_spots(part)}{made.sentence}{_on_returned(received, share, found)}"
+            light = places.light(_albedo(replace(part, color_map=made), parts))
+            made = _color_map(part, found, light, layout)
+        effects, counted = effects | {"interreflection"}, _on_returned(found, light)
+    setting = replace(part.setting, color_map=_tint(part, made), received=light, effects=effects)
+    told = f"{part.told} {_on_spots(part)}{made.sentence}{counted}"
     return replace(part, material=_recolored(part.material, made.mean), setting=setting, told=told, color_map=made)
 
 
-def _color_map(part: FittedPart, found: Sequence[Rows], light: Light, layout: Unwrapped) -> ColorMap:
+def _color_map(part: FittedPart, found: Sequence[Rows], light: DiffuseLight | None, layout: Unwrapped) -> ColorMap:
     """The texture by which the photographs come nearest in this light."""
-    solution = solve(found, len(layout.inside), _mean(part), light)
+    solution = solve(found, len(layout.inside), _body(part).color.clamp_min(LEAST_MEAN).numpy(), light)
     color = np.clip(filled(solution.color, solution.solved, layout), 0, 1)
     return ColorMap(color, np.where(layout.inside, solution.photographs, 0), solution.scatter)
 
 
-def _mean(part: FittedPart) -> Float[np.ndarray, "3"]:
-    """Of the texture, about."""
+def _tint(part: FittedPart, made: ColorMap) -> Texture:
+    """The map over the colour that was fitted."""
+    return Texture(torch.from_numpy(made.color / _body(part).color.clamp_min(LEAST_MEAN).numpy()))
+
+
+def _body(part: FittedPart) -> Glossy | Matte:
+    """The material fitted, which has a body."""
     material = part.choice.fit.material
     assert isinstance(material, Glossy | Matte)
-    return material.color.clamp_min(LEAST_MEAN).numpy()
+    return material
 
 
-def _albedo(part: FittedPart, parts: Sequence[FittedPart], made: ColorMap) -> Albedo:
-    """What the object sends back: the material in the colours found, the others in their even ones."""
-    texture = Texture(torch.from_numpy(made.color))
+def _albedo(part: FittedPart, parts: Sequence[FittedPart]) -> Albedo:
+    """What the object sends back: each material in the colours found so far, one without a fit as the others' mean."""
+    known = {each.index: part if each.index == part.index else each for each in parts}
 
-    def sent(surface: GBuffer) -> Float[np.ndarray, "m 3"]:
-        found = torch.zeros(len(surface.hit), 3, dtype=torch.float64)  # of what is in no photograph
-        for each in parts:
-            own, material = surface.material == each.index, each.choice.fit.material
-            if each.index == part.index:
-                assert isinstance(material, Glossy | Matte)
-                material = replace(material, color=lookup(texture, surface.uv[own]).double())
+    def sent(met: Met) -> Float[np.ndarray, "m 3"]:
+        found, fitted = torch.zeros(len(met.material), 3, dtype=torch.float64), torch.zeros(len(met.material)).bool()
+        for index, each in known.items():
+            own, material = met.material == index, each.choice.fit.material
+            if each.color_map is not None:
+                color = lookup(Texture(torch.from_numpy(each.color_map.color)), met.uv[own]).double()
+                material = replace(_body(each), color=color)
             found[own] = albedo(material, each.setting.fidelity.distribution)
+            fitted |= own
+        if not fitted.all() and fitted.any():
+            found[~fitted] = found[fitted].mean(0)
         return found.numpy()
 
     return sent
@@ -155,15 +172,16 @@ def _on_spots(part: FittedPart) -> str:
     )
 
 
-def _on_returned(received: ReceivedLight | None, share: LightShare | None, found: Sequence[Rows]) -> str:
+def _on_returned(found: Sequence[Rows], light: DiffuseLight | None) -> str:
     """How much of its light the object sends itself, where it is seen."""
-    if received is None or share is None or received.returned is None:
+    if light is None:
         return ""
-    more = (1 - received.unreflected.share / np.maximum(share.share, DARK)).mean(1)
-    seen = np.concatenate([each.mixing @ more for each in found if each.mixing is not None])
+    alone = replace(light, returned=0 * light.returned)
+    whole, direct = (np.concatenate([each.body(which) for each in found]).mean(1) for which in (light, alone))
+    share = 1 - direct / np.maximum(whole, DARK)
     return (
-        f" The object itself sends {seen.mean():.1%} of the diffuse light that pixels show, to every twentieth"
-        f" {np.quantile(seen, 0.95):.1%} or more: this is not taken for colour."
+        f" Of its diffuse light {share.mean():.1%} came from the object itself, in 5 % of the pixels"
+        f" {np.quantile(share, 0.95):.1%} or more; none of that is taken for colour."
     )
 
 

@@ -1,8 +1,6 @@
 """What the photographs say of a texture: for each pixel where it looks, how it is lit, and what it mirrors besides.
 
-seen = surface + body · mean of the texture over the pixel,    body = share of the surroundings' light · far + lamps,
-
-and what the object mirrors of itself is added to `surface`.
+seen = mirrored + body · mean of the texture over the pixel
 """
 
 from __future__ import annotations
@@ -20,27 +18,29 @@ from torch import Tensor
 from fitter.parts import FittedPart
 from fitter.photographs import Photograph
 from fitter.pixel_model import ExactPixels
-from fitter.places import LightShare, Sparse
-from fitter.received_light import PLACES, ReceivedLight, Reflected, Returned, looked, received_light
+from fitter.places import Sparse
+from fitter.radiosity import PLACES, DiffuseLight, Looking, Radiosity, Transfer, radiosity, shifted_points
 from fitter.reflectances import exact_reflectance
-from fitter.textured_pixels import surface_and_body
+from fitter.setting import Setting
 from renderer import gbuffer
 from renderer.gbuffer import GBuffer, Tracer
+from renderer.irradiance import even_table
+from renderer.occlusion import Occluder
 from renderer.visibility import rough_reflections
-from shaders.lobe import smith_g1
+from shaders import lobe
 from shaders.materials import Glossy, Matte
 
 SIDE = 3  # rays along each side of a pixel
 MOST_PIXELS = 1_500_000  # of all photographs; of more, blocks of pixels are taken together
 LEAST_COSINE = 0.2  # n·v: of pixels that see the surface flatter, three rays a side leave gaps
 SAMPLES = 64  # directions of the mirrored light, at most
-MIRRORED = 32  # directions in which a pixel looks for the object that it mirrors
+MIRRORED, MOST_MIRRORED = (
+    32,
+    1 << 24,
+)  # rays of each pixel, and of all, in which it looks for the object that it mirrors
+FEWEST_PLACES = 8  # that may stand for a material
 AT_ONCE = 1 << 15  # pixels
-TENSORS = ("uv", "area", "seen", "surface", "far", "lamps")
-
-
-Light = LightShare | Reflected | None
-"""Diffuse light as it reaches an object: by what it hides, and by what it sends itself; None where it hides none."""
+TENSORS = ("uv", "area", "seen", "surface", "far", "sources", "even")
 
 
 @dataclass(frozen=True)
@@ -51,11 +51,12 @@ class Rows:
         uv: where their rays meet the texture, [p, SIDE²], float32.
         area: of the texture that each pixel covers, in units of the whole.
         seen: what the photograph shows.
-        surface: light that is mirrored.
-        far: light that a white body sends out in the far surroundings, were they unhidden.
-        lamps: the same of directional lights.
-        mixing: of places at which the share of the far light is known, [p, n]; None where none of it is hidden.
-        itself: what of the object the surface mirrors, and how much; None where that is left out.
+        surface: light that is mirrored, but for the object's own.
+        far: light that a white body sends out in the far surroundings, if nothing but given maps dims them.
+        sources: the same of directional lights.
+        even: the same of light of radiance 1 from all sides.
+        mixing: of places at which diffuse light is known, [p, n]; None where it is not.
+        itself: what of the object the surface mirrors, weighted by how much; None where that is left out.
     """
 
     uv: Float[Tensor, "p k 2"]
@@ -63,22 +64,22 @@ class Rows:
     seen: Float[Tensor, "p 3"]
     surface: Float[Tensor, "p 3"]
     far: Float[Tensor, "p 3"]
-    lamps: Float[Tensor, "p 3"]
+    sources: Float[Tensor, "p 3"]
+    even: Float[Tensor, "p 3"]
     mixing: Sparse | None = None
-    itself: Returned | None = None
+    itself: Transfer | None = None
 
-    def mirrored(self, light: Light) -> Float[np.ndarray, "p 3"]:
-        """Light that is mirrored."""
+    def mirrored(self, light: DiffuseLight | None) -> Float[np.ndarray, "p 3"]:
+        """Light that is mirrored, where diffuse light is as it is at places; None for far surroundings alone."""
         surface = self.surface.numpy()
-        return surface + light.arriving(self.itself) if self.itself and isinstance(light, Reflected) else surface
+        return surface if light is None or self.itself is None else surface + light.arriving(self.itself)
 
-    def body(self, light: Light) -> Float[np.ndarray, "p 3"]:
+    def body(self, light: DiffuseLight | None) -> Float[np.ndarray, "p 3"]:
         """Light that a white body sends out."""
-        far, lamps = self.far.numpy(), self.lamps.numpy()
+        far, sources, even = (each.numpy() for each in (self.far, self.sources, self.even))
         if light is None or self.mixing is None:
-            return far + lamps
-        share = light.share if isinstance(light, Reflected) else light
-        return far * (self.mixing @ share.share) + lamps
+            return far + sources
+        return far * (self.mixing @ light.share) + sources + even * (self.mixing @ light.returned)
 
 
 def rows(
@@ -86,34 +87,49 @@ def rows(
     photographs: Sequence[Photograph],
     trace: Tracer,
     left_out: Sequence[int],
-    received: ReceivedLight | None,
+    found: Radiosity | None,
     progress: Callable[[float], None],
 ) -> list[Rows]:
-    """The rows of every photograph but those `left_out`."""
+    """The rows of every photograph but those `left_out`.
+
+    Args:
+        part: the material, and its light.
+        photographs, trace, left_out: of what.
+        found: the places by which rows tell their diffuse light; None where they know it all.
+        progress: told the share done.
+    """
     looked_at = [index for index in range(len(photographs)) if index not in left_out]
-    width = _block_width(photographs, looked_at)
-    found = []
+    pixels = int(photographs[looked_at[0]].mask.sum()) * len(looked_at)
+    width = max(1, math.ceil(math.sqrt(pixels / MOST_PIXELS)))  # of blocks that are taken together
+    rays = min(MIRRORED, max(1, MOST_MIRRORED * width**2 // max(1, pixels)))
+    about = _About(part, trace, found, rays)
+    every = []
     for done, index in enumerate(looked_at):
         progress(done / len(looked_at))
-        found.append(_rows(part, photographs[index], trace, width, received))
-    return found
+        every.append(_rows(about, photographs[index], width))
+    return every
 
 
-def _block_width(photographs: Sequence[Photograph], looked_at: Sequence[int]) -> int:
-    """Pixels along the side of the blocks that are taken together, by the first photograph."""
-    pixels = int(photographs[looked_at[0]].mask.sum()) * len(looked_at)
-    return max(1, math.ceil(math.sqrt(pixels / MOST_PIXELS)))
+@dataclass(frozen=True)
+class _About:
+    """What rows are made by; `rays` are those of each pixel in which it looks for the object that it mirrors."""
+
+    part: FittedPart
+    trace: Tracer
+    found: Radiosity | None
+    rays: int
 
 
-def light_on(
+def radiosity_on(
     part: FittedPart,
     photographs: Sequence[Photograph],
     trace: Tracer,
     left_out: Sequence[int],
     returning: bool,
     seed: int,
-) -> ReceivedLight | None:
-    """The diffuse light on an object that hides some of it; None where a map says what it hides, or it hides none.
+) -> Radiosity | None:
+    """How the object's places are lit; None where a map says what it hides, where nothing does or shall, or where the
+    material is seen too little.
 
     Args:
         part, photographs, trace, left_out: as of `rows`.
@@ -131,34 +147,27 @@ def light_on(
         chosen = torch.randperm(len(row), generator=generator)[: -(-PLACES // len(looked_at))]
         centres = gbuffer.pixel_footprints(trace, photographs[index].camera, column[chosen], row[chosen], 1)[:, 0]
         places.append(centres[centres.front & (centres.material == part.index)])
-    return received_light(setting, gbuffer.concatenate(places), trace, returning, seed)
+    seen = gbuffer.concatenate(places)
+    return radiosity(setting, seen, trace, returning, seed) if len(seen.hit) >= FEWEST_PLACES else None
 
 
-def _rows(part: FittedPart, photograph: Photograph, trace: Tracer, width: int, received: ReceivedLight | None) -> Rows:
+def _rows(about: _About, photograph: Photograph, width: int) -> Rows:
     radiance, mask = _blocks(photograph, width)
     parts = []
     for row, column in _some(mask):
-        surface = gbuffer.pixel_footprints(trace, photograph.camera, column, row, SIDE, width)
-        usable = (surface.front & (surface.material == part.index) & (surface.n_dot_v > LEAST_COSINE)).all(-1)
+        surface = gbuffer.pixel_footprints(about.trace, photograph.camera, column, row, SIDE, width)
+        own = surface.front & (surface.material == about.part.index) & (surface.n_dot_v > LEAST_COSINE)
+        usable = own.all(-1)
         if usable.any():
-            seen = radiance[row[usable], column[usable]].double()
-            parts.append(_lit(part, surface[usable], seen, received, trace))
+            parts.append(_lit(about, surface[usable], radiance[row[usable], column[usable]].double()))
     if not parts:
         none = torch.zeros(0, 3, dtype=torch.float64)
-        return Rows(torch.zeros(0, SIDE**2, 2), torch.zeros(0), none, none, none, none)
-    uv, area, seen, surface, far, lamps = (torch.cat([getattr(each, key) for each in parts]) for key in TENSORS)
-    mixing = None if received is None else sparse.vstack([each.mixing for each in parts], "csr")
-    return Rows(uv, area, seen, surface, far, lamps, mixing, _joined([each.itself for each in parts]))
-
-
-def _joined(parts: Sequence[Returned | None]) -> Returned | None:
-    """Of pixels in turn."""
-    found = [each for each in parts if each is not None]
-    if not found:
-        return None
-    met = gbuffer.concatenate([each.met for each in found])
-    gathering = sparse.block_diag([each.gathering for each in found], "csr")
-    return Returned(met, gathering, sparse.vstack([each.spreading for each in found], "csr"))
+        return Rows(torch.zeros(0, SIDE**2, 2), torch.zeros(0), none, none, none, none, none)
+    uv, area, seen, surface, far, sources, even = (torch.cat([getattr(each, key) for each in parts]) for key in TENSORS)
+    mixing = None if about.found is None else sparse.vstack([each.mixing for each in parts], "csr")
+    mirrors = [each.itself for each in parts if each.itself is not None]
+    itself = Transfer.joined(mirrors) if mirrors else None
+    return Rows(uv, area, seen, surface, far, sources, even, mixing, itself)
 
 
 def _blocks(photograph: Photograph, width: int) -> tuple[Float[Tensor, "h w 3"], Bool[Tensor, "h w"]]:
@@ -181,50 +190,54 @@ def _some(mask: Bool[Tensor, "h w"]) -> Iterator[tuple[Tensor, Tensor]]:
             yield part[:, 0], part[:, 1]
 
 
-def _lit(
-    part: FittedPart, surface: GBuffer, seen: Float[Tensor, "p 3"], received: ReceivedLight | None, trace: Tracer
-) -> Rows:
+def _lit(about: _About, surface: GBuffer, seen: Float[Tensor, "p 3"]) -> Rows:
+    part, found = about.part, about.found
     material, setting = part.choice.fit.material, part.setting
     assert isinstance(material, Glossy | Matte)
-    known = {"ambient-occlusion"} if received is not None else set()
+    known = {"ambient-occlusion"} if found is not None else set()
     unhidden = setting.simulating(setting.effects - known)
     model = unhidden.pixels(surface, body=True, shown=True)
     assert isinstance(model, ExactPixels)
     table = unhidden.table_of(material, surface, min(setting.fidelity.samples, SAMPLES))
-    mirrored, body = surface_and_body(model.under(table), material)
-    lamps = _of_lamps(model.under(table), material)
+    white = replace(material, color=torch.ones_like(material.color))
+    mirrored = model.under(table).radiance(replace(material, color=0 * material.color))
+    far, sources, even = (each.sent_by_body(white) for each in _lights(model))
     centre = surface[:, SIDE**2 // 2]
-    mixing = None if received is None else received.places.mixing(centre)
-    itself = None
-    if received is not None and received.returned is not None and "self-visibility" in setting.effects:
-        itself = _itself(part, centre, received, trace)
-    return Rows(surface.uv.float(), _texture_area(surface), seen, mirrored, body - lamps, lamps, mixing, itself)
+    mixing = None if found is None else found.places.mixing(centre)
+    itself, sees = None, "self-visibility" in setting.effects  # else what it hides is still among the mirrored
+    if isinstance(material, Glossy) and sees and found is not None and found.transfer is not None:
+        itself = _itself(material, setting, centre, Looking(about.trace, _occluder(setting), found.places), about.rays)
+    return Rows(surface.uv.float(), _texture_area(surface), seen, mirrored, far, sources, even, mixing, itself)
 
 
-def _itself(part: FittedPart, surface: GBuffer, received: ReceivedLight, trace: Tracer) -> Returned | None:
-    """What of the object points [p] mirror, weighted by how much of it: F(v·h) G1(l) of visible normals h."""
-    material, occluder = part.choice.fit.material, part.setting.occluder
-    if not isinstance(material, Glossy):
-        return None
-    assert occluder is not None
-    u1, u2 = torch.quasirandom.SobolEngine(2, scramble=True, seed=0).draw(MIRRORED).double().T
-    u1, u2 = (each.expand(len(surface.hit), -1) for each in (u1, u2))
-    towards = rough_reflections(surface, u1, u2, float(material.roughness))
-    half = torch.nn.functional.normalize(towards + surface.view[:, None], dim=-1)
-    cos_d = (half * towards).sum(-1, keepdim=True).clamp(0, 1)
-    cos_l = (surface.normal[:, None] * towards).sum(-1)
-    unmasked = smith_g1(cos_l, material.roughness, part.setting.fidelity.distribution)
-    mirrored = exact_reflectance(material, cos_d)[..., 0] * unmasked
-    met, mean = looked(surface, towards, occluder, trace, mirrored)
-    return Returned(met, mean, received.places.mixing(met))
-
-
-def _of_lamps(model: ExactPixels, material: Glossy | Matte) -> Float[Tensor, "p 3"]:
-    """What a white body sends out of the directional lights alone."""
+def _lights(model: ExactPixels) -> tuple[ExactPixels, ExactPixels, ExactPixels]:
+    """The same bodies in the far surroundings, in the directional lights, and in light of radiance 1 from all sides."""
     assert model.body is not None
-    if not model.sources:
-        return torch.zeros_like(model.body.light[:, 0])
-    return surface_and_body(replace(model, body=replace(model.body, light=0 * model.body.light)), material)[1]
+    body, unlit = model.body, 0 * model.body.light
+    even = even_table(body.light.shape[1])[:, None].expand_as(body.light)
+    return (
+        replace(model, sources=()),
+        replace(model, body=replace(body, light=unlit)),
+        replace(model, body=replace(body, light=even), sources=()),
+    )
+
+
+def _occluder(setting: Setting) -> Occluder:
+    assert setting.occluder is not None
+    return setting.occluder
+
+
+def _itself(material: Glossy, setting: Setting, surface: GBuffer, looking: Looking, rays: int) -> Transfer:
+    """What of the object points [p] mirror, each ray weighted by BRDF · n·l over the density that it is drawn by."""
+    alpha, distribution = float(material.roughness), setting.fidelity.distribution
+    generator = torch.Generator().manual_seed(setting.seed)
+    towards = rough_reflections(surface, *shifted_points(len(surface.hit), rays, generator), alpha)
+    half = torch.nn.functional.normalize(towards + surface.view[:, None], dim=-1)
+    cos_h, cos_d = ((half * each[:, None]).sum(-1).clamp(1e-6, 1) for each in (surface.normal, surface.view))
+    cos_l, cos_v = (towards * surface.normal[:, None]).sum(-1), surface.n_dot_v[:, None].clamp_min(1e-6)
+    drawn = lobe.visible_normal_density(cos_v, cos_h, alpha)
+    mirrored = lobe.reflected(cos_v, cos_l, cos_h, alpha, distribution) / drawn
+    return Transfer.of(surface, towards, exact_reflectance(material, cos_d[..., None])[..., 0] * mirrored, looking)
 
 
 def _texture_area(surface: GBuffer) -> Float[Tensor, " p"]:

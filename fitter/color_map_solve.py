@@ -12,9 +12,10 @@ from scipy import sparse
 from scipy.ndimage import gaussian_filter
 from scipy.sparse.linalg import LinearOperator, cg
 
-from fitter.color_map_rows import Light, Rows
+from fitter.color_map_rows import Rows
 from fitter.noise import MAD_TO_SIGMA, relative_weight
 from fitter.places import Sparse
+from fitter.radiosity import DiffuseLight
 from renderer.textures import texel_weights
 
 ROUNDS = 6  # of weights by what the last one left
@@ -63,7 +64,7 @@ def texture_size(rows: Sequence[Rows], smallest: int, largest: int) -> int:
     return int(min(max(2 ** round(np.log2(side)), smallest), largest))
 
 
-def solve(rows: Sequence[Rows], size: int, mean: Float[np.ndarray, "3"], light: Light = None) -> Solution:
+def solve(rows: Sequence[Rows], size: int, mean: Float[np.ndarray, "3"], light: DiffuseLight | None = None) -> Solution:
     """The texture of size² texels that comes nearest to the photographs.
 
         Σ w² (seen - surface - body · mean of texels)² / 2σ² + Σ |c_t - c_u| / τ
@@ -78,7 +79,7 @@ def solve(rows: Sequence[Rows], size: int, mean: Float[np.ndarray, "3"], light: 
         rows: of each photograph.
         size: of the texture, along either side.
         mean: about what its mean is.
-        light: on the object.
+        light: on the object, as `Rows.body` takes it.
     """
     weights = [_weights(each, size) for each in rows]
     covered = [_coverage(each, weight, size) for each, weight in zip(rows, weights, strict=True)]

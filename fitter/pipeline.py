@@ -94,8 +94,8 @@ def fit_scene(
         loaded = loaded if refined is None else refined.loaded
         planned = fit_planned(loaded, trace, setting, options, progress, scene_file)
         if "color" in options.maps:
-            mapped = with_color_maps(planned.parts, loaded, trace, options, progress)
-            planned = replace(planned, parts=with_written_maps(mapped, loaded.name, folder))
+            planned = with_color_maps(planned, loaded, trace, options, progress)
+            planned = replace(planned, parts=with_written_maps(planned.parts, loaded.name, folder))
         parts = planned.parts
         solving = sum(part.choice.fit.solve_seconds for part in parts)
         clock = _Clock(began, read, time.perf_counter(), loaded.photographs.seconds, solving)

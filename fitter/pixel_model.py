@@ -164,9 +164,15 @@ class ExactPixels(MixedPixels):
     def radiance(self, material: Material) -> Float[Tensor, "p 3"]:
         """Radiance of every pixel."""
         if isinstance(material, Matte):
-            return material.color * self.scattered(functools.partial(self.reflectance, material))
+            return self.sent_by_body(material)
         surface = self.reflected(functools.partial(self.reflectance, material), material.roughness)
-        return surface if isinstance(material, Metal) else surface + self._scattered_inside(material)
+        return surface if isinstance(material, Metal) else surface + self.sent_by_body(material)
+
+    def sent_by_body(self, material: Glossy | Matte) -> Float[Tensor, "p 3"]:
+        """Light from the diffuse body, which needs no table."""
+        if isinstance(material, Matte):
+            return material.color * self.scattered(functools.partial(self.reflectance, material))
+        return self._scattered_inside(material)
 
     def mixing(self, material: Material) -> Float[Tensor, "q 3"] | None:
         """Level weights times Fresnel coefficients, for a metal that no directional light falls on."""

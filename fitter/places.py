@@ -11,7 +11,6 @@ import torch
 from jaxtyping import Float
 from scipy import sparse
 from scipy.spatial import KDTree
-from torch import Tensor
 
 from renderer.gbuffer import GBuffer
 
@@ -24,20 +23,22 @@ Sparse = Any  # a csr_matrix, of which scipy's own annotations do not know that 
 
 @dataclass(frozen=True)
 class Places:
-    """Places [n] on a surface; what is known at each is known around it, on what faces alike.
+    """Places [n] on a surface, at least one; what is known at each is known around it, on what faces alike.
 
     Attributes:
         surface: the places.
+        extent: of the object, in world units.
     """
 
     surface: GBuffer
+    extent: float
 
     def mixing(self, surface: GBuffer) -> Sparse:
         """How points [p] mix the nearest places, by their inverse squared distance: [p, n], rows of sum 1."""
         count, places = len(surface.hit), len(self.surface.hit)
         nearest = min(NEAREST, places)
         distance, index = self._tree.query(self._features(surface), nearest, workers=1)
-        weight = 1 / (distance.reshape(-1, nearest) ** 2 + (SAME * self._extent) ** 2)
+        weight = 1 / (distance.reshape(-1, nearest) ** 2 + (SAME * self.extent) ** 2)
         weight /= weight.sum(1, keepdims=True)
         first = np.arange(count + 1) * nearest
         return sparse.csr_matrix((weight.ravel(), index.ravel().astype(np.int32), first), shape=(count, places))
@@ -46,27 +47,5 @@ class Places:
     def _tree(self) -> KDTree:
         return KDTree(self._features(self.surface))
 
-    @cached_property
-    def _extent(self) -> float:
-        return float((self.surface.position.amax(0) - self.surface.position.amin(0)).norm())
-
     def _features(self, surface: GBuffer) -> Float[np.ndarray, "p 6"]:
-        return torch.cat([surface.position, TURN * self._extent * surface.normal], -1).numpy()
-
-
-@dataclass(frozen=True)
-class LightShare:
-    """Diffuse light that reaches an object, as a share of what the far surroundings alone would send if none of it
-    were hidden: less than 1 where the object hides some, and more where it sends more of its own.
-
-    Attributes:
-        places: where it is known.
-        share: there, [n, 3].
-    """
-
-    places: Places
-    share: Float[np.ndarray, "n 3"]
-
-    def at(self, surface: GBuffer) -> Float[Tensor, "p 3"]:
-        """The share at points [p]."""
-        return torch.from_numpy(self.places.mixing(surface) @ self.share)
+        return torch.cat([surface.position, TURN * self.extent * surface.normal], -1).numpy()

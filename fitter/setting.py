@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import torch
 from jaxtyping import Float
@@ -12,14 +13,13 @@ from torch import Tensor
 
 from fitter.fidelity import Fidelity
 from fitter.pixel_model import DIFFUSE_DEGREE, PixelModel, central, exact_pixels, viewer_pixels
-from fitter.places import LightShare
 from fitter.reflectances import REFLECTANCES
 from fitter.textured_pixels import TintedPixels
 from renderer import cubemap, transport
 from renderer.environment import Environment
 from renderer.footprint import middle
 from renderer.gbuffer import GBuffer
-from renderer.irradiance import diffuse_table
+from renderer.irradiance import diffuse_table, even_table
 from renderer.mirror import mirror_table
 from renderer.occlusion import Occluder
 from renderer.surroundings import Surroundings, surroundings
@@ -28,6 +28,9 @@ from renderer.transport import LightTable
 from shaders.effects import NAMES
 from shaders.materials import Material
 from shaders.shade import DirectionalLight
+
+if TYPE_CHECKING:
+    from fitter.radiosity import DiffuseLight
 
 DIFFUSE_FACE_SIZE = 48  # texels of 1.9°: under softboxes 4e-4 of the light in the root mean square, most of it where
 DIFFUSE_MARGIN = 3  # one of them sets; a tenth of that in the lit half, as much as `diffuse_table`'s blocks leave
@@ -50,7 +53,8 @@ class Setting:
         color_map: the tint of the body by texture coordinates; None where it is even.
         openness: maps of ambient occlusion of the object's materials, which count in place of what rays find; None, or
             left out, where there is none.
-        received: what diffuse light reaches the object, for pictures; None where a few rays shall tell.
+        received: diffuse light on the object, of which pictures take what it hides and, with "interreflection", what it
+            sends itself; None where a few rays tell the former.
     """
 
     environment: Environment
@@ -61,7 +65,7 @@ class Setting:
     occluder: Occluder | None = None
     color_map: Texture | None = None
     openness: tuple[Texture | None, ...] = ()
-    received: LightShare | None = None
+    received: DiffuseLight | None = None
 
     def simulating(self, effects: frozenset[str]) -> Setting:
         """The same light with these effects, and no others."""
@@ -110,9 +114,9 @@ class Setting:
         if self.fidelity.lobe == "taps":
             return transport.tap_table(central(surface), self.viewers.cubemap, levels)
         if self.fidelity.lobe == "gaussian":
-            return transport.gaussian_table(central(surface), self._near, levels, samples, self.seed)
+            return transport.gaussian_table(central(surface), self.near, levels, samples, self.seed)
         if "blur" not in self.effects:
-            return mirror_table(surface, self._near, levels[0], self.fidelity.degree, self.seed)
+            return mirror_table(surface, self.near, levels[0], self.fidelity.degree, self.seed)
         return transport.microfacet_table(
             surface,
             self.environment,
@@ -145,10 +149,10 @@ class Setting:
     @cached_property
     def viewers(self) -> Surroundings:
         """The same light as the viewer has it."""
-        return replace(surroundings(self._near), sources=self.sources)
+        return replace(surroundings(self.near), sources=self.sources)
 
     @property
-    def _near(self) -> Environment:
+    def near(self) -> Environment:
         """The environment on the CPU: 49 taps are not worth the way."""
         return replace(self.environment, radiance=self.environment.radiance.cpu())
 
@@ -184,20 +188,34 @@ class Setting:
 
     def _diffuse_by_rays(self, surface: GBuffer, shown: bool, occluder: Occluder | None) -> Float[Tensor, "p b 3"]:
         """The light of points [p] that what stands before it leaves over."""
-        if occluder is None and len(surface.hit) <= MOST_DIFFUSE:
-            return diffuse_table(surface.normal, self._near, DIFFUSE_DEGREE)
-        if occluder is not None and shown and self.received is not None:
-            return self._diffuse_by_rays(surface, shown, None) * self.received.at(surface)[:, None].float()
-        if occluder is not None and (not shown or len(surface.hit) <= MOST_OCCLUDED):
-            before = occluder, occluder.origins(surface)
-            return diffuse_table(surface.normal, self._near, DIFFUSE_DEGREE, before)
+        if shown and self.received is not None:
+            return self._received(surface, self.received, occluder is not None)
+        if occluder is None:
+            return self._unoccluded(surface)
+        if not shown or len(surface.hit) <= MOST_OCCLUDED:
+            return diffuse_table(surface.normal, self.near, DIFFUSE_DEGREE, (occluder, occluder.origins(surface)))
+        found = self._unoccluded(surface)
+        return found * occluder.openness(surface)[:, None, None].to(found)
+
+    def _received(self, surface: GBuffer, received: DiffuseLight, hidden: bool) -> Float[Tensor, "p b 3"]:
+        """The light of points [p] by what is known of it at places."""
+        found, (share, returned) = self._unoccluded(surface), received.at(surface)
+        if hidden:
+            found = found * share[:, None].to(found)
+        if "interreflection" in self.effects:
+            found = found + (returned[:, None] * even_table(DIFFUSE_DEGREE)[:, None]).to(found)
+        return found
+
+    def _unoccluded(self, surface: GBuffer) -> Float[Tensor, "p b 3"]:
+        """The light of points [p] before which nothing stands."""
+        if len(surface.hit) <= MOST_DIFFUSE:
+            return diffuse_table(surface.normal, self.near, DIFFUSE_DEGREE)
         found = cubemap.smooth_lookup(self._diffuse_by_normal, DIFFUSE_MARGIN, surface.normal)
-        found = found.reshape(-1, DIFFUSE_DEGREE, 3)
-        return found if occluder is None else found * occluder.openness(surface)[:, None, None].to(found)
+        return found.reshape(-1, DIFFUSE_DEGREE, 3)
 
     @cached_property
     def _diffuse_by_normal(self) -> Float[Tensor, "6 m m c"]:
         """The table of every normal, for many pixels: between its texels it is smooth."""
         normals = cubemap.face_directions(DIFFUSE_FACE_SIZE, DIFFUSE_MARGIN)
-        table = diffuse_table(normals.flatten(0, 2), self._near, DIFFUSE_DEGREE)
+        table = diffuse_table(normals.flatten(0, 2), self.near, DIFFUSE_DEGREE)
         return table.reshape(*normals.shape[:3], -1)

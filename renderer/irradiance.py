@@ -12,6 +12,7 @@ import functools
 import math
 from collections.abc import Callable, Iterator
 
+import numpy as np
 import torch
 from jaxtyping import Bool, Float
 from torch import Tensor
@@ -66,6 +67,13 @@ def diffuse_table(
         return torch.stack([kernel @ light for kernel in _kernels(cos, degree)], 1)
 
     return torch.cat(list(map_in_threads(integrate, range(0, len(normals), _CHUNK)))) / math.pi
+
+
+def even_table(degree: int = DEGREE) -> Float[Tensor, " b"]:
+    """D_b of light of radiance 1 from all sides, 2 ∫ T_b(2√c - 1) c dc over cosines c in [0, 1], float64."""
+    node, weight = (torch.from_numpy(each) for each in np.polynomial.legendre.leggauss(degree + 4))
+    root = (node + 1) / 2  # √c, in which the integrand is a polynomial: c dc is 2 (√c)³ d√c
+    return (cosine_basis(root**2, degree) * (2 * root**3 * weight)[:, None]).sum(0)
 
 
 def cosine_basis(cos: Float[Tensor, "*p"], degree: int = DEGREE) -> Float[Tensor, "*p b"]:

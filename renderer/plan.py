@@ -78,6 +78,13 @@ class Plan:
 
         return replace(self, decisions=tuple(decided(each) for each in self.decisions))
 
+    def with_on(self, name: str, why: str) -> Plan:
+        """The plan with an effect on that was simulated after all."""
+        decisions = (
+            replace(each, on=True, why=f"{why}; {each.why}") if each.name == name else each for each in self.decisions
+        )
+        return replace(self, decisions=tuple(decisions))
+
     def changed(self, before: Plan) -> tuple[list[str], list[str]]:
         """The effects that came, and those that went."""
         came, went = self.on - before.on, before.on - self.on

@@ -3,15 +3,20 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 import torch
+from hypothesis import given
+from hypothesis import strategies as st
 
 from fitter.color_map_rows import Rows
 from fitter.color_map_solve import solve, texture_size
 from fitter.pixel_model import PixelModel
+from fitter.spots import _interpolated, _interpolated_width
 from fitter.textured_pixels import SpottedPixels, TintedPixels
+from renderer.gbuffer import equal_weight_nodes
 from renderer.mesh import read_mesh
 from renderer.textures import Texture, lookup, texel_weights
 from renderer.unwrapped import Unwrapped, filled, unwrapped
@@ -71,6 +76,21 @@ def test_a_tint_multiplies_the_body_and_not_what_is_mirrored():
     torch.testing.assert_close(TintedPixels(model, tint).radiance(material), expected)
 
 
+@given(st.floats(2, 60), st.floats(2, 60))
+def test_pixels_between_pixels_are_as_wide_as_what_their_rays_cover(x, y):
+    # Of a film that shows x² and y², a pixel is the mean of a square of side 1: what lies between pixels mixes four.
+    place, grid = (torch.tensor([each], dtype=torch.float64) for each in (x, y)), torch.arange(64) + 0.5
+    squares = grid**2 + 1 / 12
+    picture = torch.stack(torch.broadcast_tensors(squares[None], squares[:, None], torch.ones(64, 64)), -1)
+    photograph = SimpleNamespace(radiance=picture, mask=torch.ones(64, 64, dtype=torch.bool))
+    x, y = place
+    (shown,), _ = _interpolated(photograph, x, y)  # type: ignore[arg-type]
+    across, down = _interpolated_width(x), _interpolated_width(y)
+    nodes = torch.tensor(equal_weight_nodes(3), dtype=torch.float64) - 0.5
+    covered = [float(((each + width * nodes) ** 2).mean()) for each, width in ((x, across), (y, down))]
+    assert shown.tolist() == pytest.approx([*covered, 1.0], rel=1e-6)
+
+
 def test_texel_weights_are_the_lookup():
     texels, uv = random(5, 7, 3), 4 * random(200, 2) - 2
     index, weight = texel_weights(5, 7, uv)
@@ -92,7 +112,7 @@ def rows_of(texture: np.ndarray, pixels: int, noise: float, seed: int, across: f
     color = lookup(Texture(torch.from_numpy(texture)), uv).mean(1)
     normal = torch.randn(pixels, 3, generator=generator, dtype=torch.float64)
     seen = (surface + body * color) * (1 + noise * normal)
-    return Rows(uv.float(), torch.full((pixels,), 1 / size**2), seen, surface, body, 0 * body)
+    return Rows(uv.float(), torch.full((pixels,), 1 / size**2), seen, surface, body, 0 * body, 0 * body)
 
 
 def test_texels_are_found_again_from_photographs_without_noise():
