@@ -28,12 +28,14 @@ from renderer.gbuffer import Tracer
 from renderer.images import png
 from renderer.mesh import Mesh
 from renderer.textures import Texture, lookup
-from renderer.unwrapped import Unwrapped, filled, unwrapped
+from renderer.unwrapped import Unwrapped, filled, overlap, unwrapped
 from shaders.materials import Glossy, Matte
 from shaders.tone_mapping import srgb
 
 SMALLEST, LARGEST = 16, 4096  # texels along a side
 ROUNDS = 3  # of light that the object sends itself, and of the texture in it: each errs by a tenth of the last
+FEW_CUT, MANY_CUT = 0.01, 0.05  # share of texels cut at 1, from which it is told, and from which colours are open
+OVERLAPS = 1.2  # places that share a texel, from which that is told: islands' rims make up to a tenth
 LEAST_MEAN = 1e-3  # of a channel's texels, below which a tint would only be rounding
 
 
@@ -44,12 +46,14 @@ class ColorMap:
     Attributes:
         color: linear Rec. 709, in [0, 1], [h, w, 3]; without holes.
         photographs: how many see each texel.
-        scatter: of the photographs about it, relative.
+        scatter: of the photographs about it before colours were cut at 1, relative.
+        cut: share of the texels seen of which a channel was.
     """
 
     color: Float[np.ndarray, "h w 3"]
     photographs: Int[np.ndarray, "h w"]
     scatter: float
+    cut: float
 
     @property
     def mean(self) -> tuple[float, float, float]:
@@ -63,10 +67,16 @@ class ColorMap:
         """What there is to say of it."""
         height, width = self.photographs.shape
         seen, often = (int((self.photographs >= least).sum()) for least in (1, 2))
-        return (
-            f"The colour map has {width} × {height} texels, as fine as the photographs; {seen} of them are seen,"
-            f" {often} by two photographs or more; pixels scatter by {self.scatter:.2g} of their radiance about it."
+        told = (
+            f"The colour map has {width} × {height} texels; {seen} of them are seen, {often} by two photographs or"
+            f" more; pixels scatter by {self.scatter:.2g} of their radiance about it."
         )
+        if self.cut > FEW_CUT:
+            told += (
+                f" Colours of {self.cut:.0%} of these texels would have to be above 1, and were cut there: the object"
+                " seems to send more light than it receives, so that exposures, the environment or the type are wrong."
+            )
+        return told
 
 
 def require_mappable(shape: object, source: Path | None, maps: Sequence[str]) -> None:
@@ -109,27 +119,44 @@ def _with_color_map(
     places = radiosity_on(part, *where, returning, seed)
     found = rows(part, *where, places, lambda share: progress("colour map", share))
     if not any((each.area > 0).any() for each in found):
-        return replace(part, told=f"{part.told} Its faces have no texture coordinates: there is no colour map of it.")
+        return _unmapped(part, "Its faces have no texture coordinates, or such as cover no area")
     size = texture_size(found, SMALLEST, LARGEST)
     layout = unwrapped(loaded.shape, part.index, size, size)
     light = None if places is None else places.light()
     made = _color_map(part, found, light, layout)
+    if made is None:
+        return _unmapped(part, f"By its texture coordinates no pixel tells texels apart, {size} a side")
     effects, counted = part.setting.effects - {"interreflection"}, ""
     if places is not None and places.transfer is not None:
         for _ in range(ROUNDS):
             light = places.light(_albedo(replace(part, color_map=made), parts))
-            made = _color_map(part, found, light, layout)
+            made = _color_map(part, found, light, layout) or made
         effects, counted = effects | {"interreflection"}, _on_returned(found, light)
     setting = replace(part.setting, color_map=_tint(part, made), received=light, effects=effects)
-    told = f"{part.told} {_on_spots(part)}{made.sentence}{counted}"
-    return replace(part, material=_recolored(part.material, made.mean), setting=setting, told=told, color_map=made)
+    part = part.renumbered(_recolored(part.material, made))
+    told = f"{part.told} {_on_spots(part)}{made.sentence}{counted}{_on_overlaps(loaded.shape, part.index, layout)}"
+    return replace(part, setting=setting, told=told, color_map=made)
 
 
-def _color_map(part: FittedPart, found: Sequence[Rows], light: DiffuseLight | None, layout: Unwrapped) -> ColorMap:
-    """The texture by which the photographs come nearest in this light."""
+def _unmapped(part: FittedPart, why: str) -> FittedPart:
+    """The part without a map, whose even colour is that of some places alone."""
+    known = part.material.determined.model_copy(update={"color": (False, False, False)})
+    part = part.renumbered(part.material.model_copy(update={"determined": known}))
+    return replace(part, told=f"{part.told} {why}: there is no colour map of it, and its colour is some places' mean.")
+
+
+def _color_map(
+    part: FittedPart, found: Sequence[Rows], light: DiffuseLight | None, layout: Unwrapped
+) -> ColorMap | None:
+    """The texture by which the photographs come nearest in this light; None where they tell nothing of its texels."""
     solution = solve(found, len(layout.inside), _body(part).color.clamp_min(LEAST_MEAN).numpy(), light)
-    color = np.clip(filled(solution.color, solution.solved, layout), 0, 1)
-    return ColorMap(color, np.where(layout.inside, solution.photographs, 0), solution.scatter)
+    if not solution.solved.any():
+        return None
+    color = filled(solution.color, solution.solved, layout)
+    photographs = np.where(layout.inside, solution.photographs, 0)
+    seen = photographs > 0
+    cut = np.count_nonzero(seen & (color > 1).any(-1)) / max(1, np.count_nonzero(seen))
+    return ColorMap(np.clip(color, 0, 1), photographs, solution.scatter, cut)
 
 
 def _tint(part: FittedPart, made: ColorMap) -> Texture:
@@ -185,16 +212,29 @@ def _on_returned(found: Sequence[Rows], light: DiffuseLight | None) -> str:
     )
 
 
-def _recolored(material: FittedMaterial, mean: tuple[float, float, float]) -> FittedMaterial:
-    """The material with the mean of its texture for its colour; intervals move along."""
-    moved = None
+def _on_overlaps(mesh: Mesh, material: int, layout: Unwrapped) -> str:
+    """Whether several places share a texel."""
+    times = overlap(mesh, material, layout)
+    if times < OVERLAPS:
+        return ""
+    return f" Its texture coordinates overlap: {times:.1f} places of the surface share a texel and its one colour."
+
+
+def _recolored(material: FittedMaterial, made: ColorMap) -> FittedMaterial:
+    """The material with the mean of its texture for its colour; intervals move along.
+
+    Where many texels were cut at 1 it is not determined.
+    """
+    mean, moved, known = made.mean, None, material.determined
+    if made.cut > MANY_CUT:
+        known = known.model_copy(update={"color": (False, False, False)})
     if material.interval95.color is not None and material.color is not None:
         moved = tuple(
             None if each is None else tuple(float(np.clip(end + new - old, 0, 1)) for end in each)
             for each, new, old in zip(material.interval95.color, mean, material.color, strict=True)
         )
     intervals: Intervals = material.interval95.model_copy(update={"color": moved})
-    return material.model_copy(update={"color": mean, "interval95": intervals})
+    return material.model_copy(update={"color": mean, "interval95": intervals, "determined": known})
 
 
 def with_written_maps(parts: Sequence[FittedPart], stem: str, folder: Path) -> list[FittedPart]:

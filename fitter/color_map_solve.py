@@ -92,10 +92,11 @@ def solve(rows: Sequence[Rows], size: int, mean: Float[np.ndarray, "3"], light: 
     seen = torch.cat([each.seen for each in rows]).numpy()[known]
     surface = np.concatenate([each.mirrored(light) for each in rows])[known]
     body = np.concatenate([each.body(light) for each in rows])[known]
+    texture, shape = np.zeros((size * size, 3)), (size, size)
+    if not known.any():
+        return Solution(texture.reshape(*shape, 3), np.zeros(shape, bool), photographs.reshape(shape), 0.0)
     color, scatter = _rounds(mixing[known], body, seen - surface, surface, mean, _steps(solved, size), (columns, size))
-    texture = np.zeros((size * size, 3))
     texture[columns] = color
-    shape = (size, size)
     return Solution(texture.reshape(*shape, 3), solved.reshape(shape), photographs.reshape(shape), scatter)
 
 

@@ -53,6 +53,7 @@ def export(
     known = [_known(name) for name in formats]
     if Path(stem).name != stem:
         raise InputError("export", value=repr(stem), expected="a name for files, without folders in it")
+    _require_colors(result.materials, source)
     with replaced_together(directory) as folder:
         for ending, writer in known:
             write_text_atomically(folder / f"{stem}{ending}", _written(writer, result.materials, source))
@@ -95,6 +96,16 @@ def _beyond(material: FittedMaterial) -> str:
         if any(number is not None and not abs(number) <= FLOAT32_MAX for number in numbers):
             return f".{name}"
     return ""
+
+
+def _require_colors(materials: Sequence[FittedMaterial], source: str | Path) -> None:
+    """Raises InputError where there is no material, or one whose diffuse colour no format can hold."""
+    if not materials:
+        raise InputError(source, "materials", "[]", "at least one material")
+    for index, material in enumerate(materials):
+        for value in material.color or ():
+            if not 0 <= value <= 1:
+                raise InputError(source, f"materials[{index}].color", value, "numbers in [0, 1]")
 
 
 def _known(name: str) -> tuple[str, Writer]:

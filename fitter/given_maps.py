@@ -40,11 +40,20 @@ def _normal(file: Path | None) -> Texture | None:
     texture = read_texture(file, color=False)
     if torch.equal(texture.texels, texture.texels[..., :1].expand_as(texture.texels)):
         raise InputError(file, expected="a normal map in colours, not a grey height map")
+    inwards = float((texture.texels[..., 2] <= 0.5).float().mean())
+    if inwards > 0.5:
+        expected = "a normal map whose texels point outwards, their blue above 0.5"
+        raise InputError(file, "blue", f"0.5 or less in {inwards:.0%} of the texels", expected)
     return texture
 
 
 def _openness(file: Path | None) -> Texture | None:
-    return None if file is None else Texture(read_texture(file, color=False).texels[..., :1])
+    if file is None:
+        return None
+    texture = Texture(read_texture(file, color=False).texels[..., :1])
+    if not texture.texels.any():
+        raise InputError(file, expected="a map of ambient occlusion that is not black all over")
+    return texture
 
 
 def shape_under(shape: Shape, maps: Sequence[Maps]) -> Shape:

@@ -235,6 +235,13 @@ def unknowns_of(scene: Scene) -> tuple[Unknown, ...]:
 
 def require_known(scene: Scene, scene_file: Path, which: str) -> None:
     """Raises InputError where the scene file asks for anything to be fitted beside the material."""
-    if unknowns_of(scene):
+    if unknowns := unknowns_of(scene):
         expected = f"numbers for exposures, white balances, scale and rotation, {which}"
-        raise InputError(scene_file, value=FITTED, expected=expected)
+        raise InputError(scene_file, _field(unknowns[0]), FITTED, expected)
+
+
+def _field(unknown: Unknown) -> str:
+    """Where a scene file asks for it."""
+    if unknown.photograph is not None:
+        return f"photographs[{unknown.photograph}].{unknown.key}"
+    return f"environment.{unknown.key}" if unknown.key in ("scale", "rotation") else unknown.key

@@ -58,6 +58,7 @@ class FittedPart:
         material: the numbers to report.
         told: the same in sentences.
         setting: the light, and how accurately it was computed.
+        described: the fit in sentences, by its numbers.
         ascent: to the tolerance asked for; None where none was.
         polish: with Mitsuba's paths; None where there was none.
         color_map: the texture of the body; None where it is taken for even.
@@ -70,6 +71,7 @@ class FittedPart:
     material: FittedMaterial
     told: str
     setting: Setting
+    described: Callable[[FittedMaterial], str]
     ascent: Ascent | None = None
     polish: Polish | None = None
     color_map: ColorMap | None = None
@@ -78,6 +80,11 @@ class FittedPart:
     def tolerance(self) -> Tolerance | None:
         """How the tolerance asked for was met; None where none was."""
         return None if self.ascent is None else self.ascent.record(self.material.name)
+
+    def renumbered(self, material: FittedMaterial) -> FittedPart:
+        """The same with other numbers, of which the sentences then are."""
+        rest = self.told.removeprefix(self.described(self.material))
+        return replace(self, material=material, told=f"{self.described(material)}{rest}")
 
     def by(self, ascent: Ascent) -> FittedPart:
         """The same, and how a tolerance was met."""
@@ -225,5 +232,9 @@ def _part(index: int, name: str, observed: Observations, choice: Choice, setting
         rho = viewer_roughness(observed.measured, setting.viewers, fit.material, tint)
     borrowed = borrow(fit, uncertainty, prior)
     material = fitted_material(name, fit, uncertainty, rho, nearest, borrowed)
-    told = describe(choice, material, seen_by(fit, observed, guessed(fit, uncertainty)), borrowed)
-    return FittedPart(index, observed, choice, uncertainty, material, told, setting)
+    seen = seen_by(fit, observed, guessed(fit, uncertainty))
+
+    def described(material: FittedMaterial) -> str:
+        return describe(choice, material, seen, borrowed)
+
+    return FittedPart(index, observed, choice, uncertainty, material, described(material), setting, described)

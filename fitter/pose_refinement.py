@@ -90,7 +90,8 @@ def refine_poses(
     names = [thumbnail.name for thumbnail in loaded.photographs.thumbnails]
     records = tuple(_record(*each) for each in zip(names, poses, errors, strict=True))
     album = loaded.photographs.taken_by([pose.camera for pose in poses])
-    return RefinedPoses(replace(loaded, photographs=album), records, _sentence(records))
+    by = "outlines" if options.maps else "outlines and pixels"
+    return RefinedPoses(replace(loaded, photographs=album), records, _sentence(records, by))
 
 
 @dataclass(frozen=True)
@@ -124,7 +125,9 @@ class _Scene:
 
 
 def _by_pixels(scene: _Scene, poses: list[Pose], progress: Progress) -> tuple[list[Pose], Float[Tensor, "v v"]]:
-    """Poses and their covariance, by more pixels from effort to effort."""
+    """Poses and their covariance, by more pixels from effort to effort; by outlines alone where the colour varies."""
+    if scene.options.maps:  # what changes from place to place would be taken for a shift
+        return poses, torch.linalg.inv(scene.outlined(poses)[0])
     covariance = torch.eye(6 * len(poses)).double()
     kinds = kinds_of(scene.loaded, scene.options)
     for of_each, samples, rounds in EFFORTS:
@@ -183,11 +186,11 @@ def _record(name: str, pose: Pose, error: Float[Tensor, "6"]) -> RefinedCamera:
     )
 
 
-def _sentence(records: Sequence[RefinedCamera]) -> str:
+def _sentence(records: Sequence[RefinedCamera], by: str) -> str:
     turned, shifted = (max(getattr(each, key) for each in records) for key in ("degrees", "percent"))
     errors = (max(getattr(each, f"stderr_{key}") for each in records) for key in ("degrees", "percent"))
     of_degrees, of_percent = errors
     return (
-        f"Cameras were moved, by up to {turned:.2g}° and {shifted:.2g} % of their distance, to where outlines and"
-        f" pixels agree; their own errors, {of_degrees:.1g}° and {of_percent:.1g} % at most, are not in the material's."
+        f"Cameras were moved, by up to {turned:.2g}° and {shifted:.2g} % of their distance, to where {by}"
+        f" agree; their own errors, {of_degrees:.1g}° and {of_percent:.1g} % at most, are not in the material's."
     )

@@ -54,10 +54,13 @@ def read_colmap(folder: Path, images: Sequence[str] | None) -> list[dict[str, An
     lenses = dict(_whole(source, _binary_cameras if binary else _text_cameras))
     views = sorted(_whole(pictures, _binary_views if binary else _text_views))
     if images is not None:
-        return [{"camera": _camera(_named(views, name, pictures), lenses, source)} for name in images]
+        return [{"camera": _camera(_named(views, name, pictures), lenses, source, pictures)} for name in images]
     if not views:
         raise InputError(pictures, expected="at least one image")
-    return [{"camera": _camera(view, lenses, source), "image": _image(folder, view.name, pictures)} for view in views]
+    return [
+        {"camera": _camera(view, lenses, source, pictures), "image": _image(folder, view.name, pictures)}
+        for view in views
+    ]
 
 
 def model_files(folder: Path) -> tuple[Path, Path]:
@@ -143,17 +146,22 @@ def _lens(path: Path, model: str, size: Sequence[Any], parameters: Sequence[Any]
     return {"width": width, "height": height, **({"fx": focal} if focal is not None else {}), **said}
 
 
-def _camera(view: _View, lenses: dict[int, dict[str, float]], source: Path) -> dict[str, Any]:
+def _camera(view: _View, lenses: dict[int, dict[str, float]], source: Path, pictures: Path) -> dict[str, Any]:
     """The camera's table."""
     if view.camera not in lenses:
         raise InputError(source, expected=f"camera {view.camera}, which took {shortened(view.name)}")
-    return {"matrix": _camera_to_world(view).tolist(), "lens": lenses[view.camera]}
+    return {"matrix": _camera_to_world(view, pictures).tolist(), "lens": lenses[view.camera]}
 
 
-def _camera_to_world(view: _View) -> Float[np.ndarray, "4 4"]:
+def _camera_to_world(view: _View, pictures: Path) -> Float[np.ndarray, "4 4"]:
     """The pose in our axes; the file's is x_camera = R x_world + t in OpenCV's."""
     from scipy.spatial.transform import Rotation
 
+    if not (np.isfinite(view.rotation).all() and np.any(view.rotation)):
+        told = " ".join(f"{each:g}" for each in view.rotation)
+        raise InputError(
+            pictures, f"rotation of {shortened(view.name)}", told, "a quaternion of finite numbers, not all 0"
+        )
     world_to_camera = Rotation.from_quat(view.rotation, scalar_first=True).as_matrix()
     matrix = np.eye(4)
     matrix[:3, :3] = world_to_camera.T @ OPENCV_AXES

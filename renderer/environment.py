@@ -68,7 +68,7 @@ def read_environment(path: str | Path, rotation: float = 0.0, scale: float = 1.0
         raise InputError(path, "scale", scale, "a finite number > 0")
     texels, repaired = _from_faces(path) if path.is_dir() else _from_latlong(path)
     if not texels.any():
-        raise InputError(path, expected="light from somewhere, but every texel is black")
+        raise InputError(path, expected="light from somewhere, but no texel is a finite number above 0")
     radiance = scale * torch.from_numpy(texels).double()
     if radiance.max() > torch.finfo(torch.float32).max:
         raise InputError(path, "scale", scale, "a factor that keeps the radiance below 3e38")

@@ -57,6 +57,14 @@ def unwrapped(mesh: Mesh, material: int, height: int, width: int) -> Unwrapped:
     return Unwrapped(inside.reshape(height, width), position)
 
 
+def overlap(mesh: Mesh, material: int, layout: Unwrapped) -> float:
+    """How many places of one material's surface share a texel in the mean: 1 where none does."""
+    assert mesh.uv is not None
+    corner = mesh.uv[mesh.faces[mesh.material == material]]
+    (ax, ay), (bx, by) = ((corner[:, i] - corner[:, 0]).T for i in (1, 2))
+    return float(np.abs(ax * by - ay * bx).sum() / 2 / max(float(layout.inside.mean()), 1 / layout.inside.size))
+
+
 def filled(
     texels: Float[np.ndarray, "h w c"], known: Bool[np.ndarray, "h w"], layout: Unwrapped
 ) -> Float[np.ndarray, "h w c"]:

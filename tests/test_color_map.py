@@ -25,7 +25,7 @@ from fitter.result import read_result, write_result
 from renderer import gbuffer
 from renderer.camera import Camera, look_at
 from renderer.errors import InputError
-from renderer.images import write_exr
+from renderer.images import read_image, write_exr
 from renderer.lens import Lens
 from renderer.mesh import Mesh
 from renderer.model import read_model
@@ -285,3 +285,52 @@ def test_relief_is_explained_by_the_normal_map_that_mitsuba_was_given(tmp_path):
     assert found[mapped].materials[0].color == pytest.approx((0.5, 0.5, 0.5), rel=0.02)
     assert left < 1.1 * least  # the same noise; 0.4 % beside 3 % in the sum of squares
     assert bare > 1.5 * least
+
+
+def refitted(scene: Path, out: Path, change, radiance: float = 1.0) -> Path:
+    """The result's folder of the same photographs, some times as bright, of the ball by other texture coordinates."""
+    out.mkdir()
+    for file in scene.parent.iterdir():
+        (out / file.name).write_bytes(file.read_bytes())
+    for file in out.glob("view_*.exr"):
+        picture = read_image(file)
+        write_exr(file, radiance * np.concatenate([picture.radiance, picture.alpha[..., None]], -1))
+    lines = (out / "its ball.obj").read_text(encoding="utf-8").splitlines()
+    moved = [
+        "vt {:.9g} {:.9g}".format(*change(*map(float, line.split()[1:]))) if line.startswith("vt") else line
+        for line in lines
+    ]
+    (out / "its ball.obj").write_text("\n".join(moved), encoding="utf-8")
+    fit_scene(out / "scene.toml", out / "result", FitOptions(PRESETS["preview"], type="matte", maps=("color",)))
+    return out / "result"
+
+
+@pytest.mark.parametrize(
+    ("change", "told"),
+    [
+        (lambda u, v: (1e-6 * u, 1e-6 * v), "no pixel tells texels apart"),
+        (lambda u, v: (500 * u, 500 * v), "no pixel tells texels apart"),
+        (lambda u, v: (u, u), "no texture coordinates, or such as cover no area"),
+    ],
+)
+def test_texture_coordinates_that_tell_nothing_leave_the_colour_open(plastic_ball, tmp_path, change, told):
+    result = read_result(refitted(plastic_ball, tmp_path / "changed", change) / "result.json")
+    assert told in result.message
+    assert result.materials[0].maps is None
+    assert result.materials[0].determined.color == (False, False, False)
+
+
+def test_places_that_share_texels_are_told(plastic_ball, tmp_path):
+    folder = refitted(plastic_ball, tmp_path / "changed", lambda u, v: (3 * u, 2 * v))
+    # 3 · 2 faces meet every texel, but for one of two of the quads about either pole, whose faces have no area: 5.75
+    assert "5.8 places of the surface share a texel" in read_result(folder / "result.json").message
+
+
+def test_colours_above_one_are_cut_and_told_and_intervals_are_those_of_the_numbers(plastic_ball, tmp_path):
+    result = read_result(refitted(plastic_ball, tmp_path / "changed", lambda u, v: (u, v), 3.0) / "result.json")
+    assert "would have to be above 1" in result.message
+    (material,) = result.materials
+    assert material.determined.color == (False, False, False)
+    for value, (low, high) in zip(material.color, material.interval95.color, strict=True):
+        assert low <= value <= high
+        assert f"{low:.3g}…{high:.3g}" in result.message
