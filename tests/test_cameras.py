@@ -117,6 +117,20 @@ def test_images_that_the_model_does_not_know(model, project):
         scene(project.parents[1], 'cameras = "sparse/0"\n' + HEAD + '[[photographs]]\nimage = "new.png"\n')
 
 
+@pytest.mark.parametrize("rotation", ["0 0 0 0", "1 nan 0 0"])
+def test_rotations_that_are_none(model, project, rotation):
+    model.write_text(str(project))
+    for file in ("cameras.bin", "images.bin"):
+        (project / file).unlink(missing_ok=True)
+    lines = (project / "images.txt").read_text().splitlines()
+    first = next(i for i, line in enumerate(lines) if line and not line.startswith("#"))
+    number, *_, x, y, z, camera, name = lines[first].split(" ", 9)
+    lines[first] = " ".join([number, rotation, x, y, z, camera, name])
+    (project / "images.txt").write_text("\n".join(lines))
+    with pytest.raises(InputError, match=rf"images\.txt: rotation of .*: is {rotation}, expected a quaternion"):
+        scene(project.parents[1], 'cameras = "sparse/0"\n' + HEAD)
+
+
 def test_images_that_are_away(model, project):
     written(model, project, "text")
     (project.parents[1] / "images" / NAMES[2]).unlink()

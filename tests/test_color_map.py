@@ -209,6 +209,8 @@ MATERIAL = '[[materials]]\nname = "default"\n{key} = "{file}"\n'
     [
         ("normal_map", "none.png", "none.png, expected a file or folder that exists"),
         ("normal_map", "grey.png", "grey.png: expected a normal map in colours, not a grey height map"),
+        ("normal_map", "inwards.png", "inwards.png: blue: is 0.5 or less in 100% of the texels, expected a normal map"),
+        ("ambient_occlusion_map", "black.png", "black.png: expected a map of ambient occlusion that is not black"),
         (
             "ambient_occlusion_map",
             "view.exr",
@@ -220,7 +222,8 @@ def test_given_maps_that_cannot_be_used_are_refused(tmp_path, refused, key, file
     uv = "vt 0 0\nvt 1 0\nvt 0 1\n" if file != "view.exr" else ""
     face = "f 1/1 2/2 3/3" if uv else "f 1 2 3"
     (tmp_path / "bare.obj").write_text(f"v 0 0 0\nv 1 0 0\nv 0 1 0\n{uv}{face}\n")
-    iio.imwrite(tmp_path / "grey.png", np.full((4, 4, 3), 128, np.uint8))
+    for name, code in (("grey", (128, 128, 128)), ("inwards", (128, 128, 0)), ("black", (0, 0, 0))):
+        iio.imwrite(tmp_path / f"{name}.png", np.broadcast_to(np.array(code, np.uint8), (4, 4, 3)))
     scene = grey_scene(tmp_path, 'mesh = "bare.obj"', MATERIAL.format(key=key, file=file))
     assert told in refused("plan", scene)
 
@@ -334,3 +337,13 @@ def test_colours_above_one_are_cut_and_told_and_intervals_are_those_of_the_numbe
     for value, (low, high) in zip(material.color, material.interval95.color, strict=True):
         assert low <= value <= high
         assert f"{low:.3g}…{high:.3g}" in result.message
+
+
+def test_poses_of_a_textured_object_are_mended_by_its_outlines_alone(plastic_ball, tmp_path):
+    options = FitOptions(PRESETS["preview"], type="glossy", maps=("color",), refine_pose=True)
+    result = fit_scene(plastic_ball, tmp_path / "out", options)
+    assert "to where outlines agree" in result.message
+    assert result.cameras is not None
+    for camera in result.cameras:  # which stand where they should: the texture moved them by three or four errors
+        assert camera.degrees < 2.5 * camera.stderr_degrees
+        assert camera.percent < 2.5 * camera.stderr_percent

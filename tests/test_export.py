@@ -38,6 +38,19 @@ def test_numbers_beyond_float32_are_named(tmp_path):
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.parametrize(
+    ("materials", "told"),
+    [
+        ((), r"^a\.json: materials: is \[\], expected at least one material"),
+        ((gold(color=(0.5, 2.0, 0.5)),), r"^a\.json: materials\[0\]\.color: is 2\.0, expected numbers in \[0, 1\]"),
+    ],
+)
+def test_what_no_format_holds_is_refused(tmp_path, materials, told):
+    with pytest.raises(InputError, match=told):
+        export(result(materials=materials), ["gltf"], tmp_path, "scene", "a.json")
+    assert list(tmp_path.iterdir()) == []
+
+
 def test_output_that_is_a_file(tmp_path):
     (tmp_path / "out").write_text("")
     with pytest.raises(InputError, match=r"^-o: is .*out, expected a folder"):
