@@ -34,10 +34,8 @@ SIDE = 3  # rays along each side of a pixel
 MOST_PIXELS = 1_500_000  # of all photographs; of more, blocks of pixels are taken together
 LEAST_COSINE = 0.2  # n·v: of pixels that see the surface flatter, three rays a side leave gaps
 SAMPLES = 64  # directions of the mirrored light, at most
-MIRRORED, MOST_MIRRORED = (
-    32,
-    1 << 24,
-)  # rays of each pixel, and of all, in which it looks for the object that it mirrors
+MIRRORED = 32  # rays of each pixel in which it looks for the object that it mirrors
+MOST_MIRRORED = 1 << 24  # of all pixels
 FEWEST_PLACES = 8  # that may stand for a material
 AT_ONCE = 1 << 15  # pixels
 TENSORS = ("uv", "area", "seen", "surface", "far", "sources", "even")

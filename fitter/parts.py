@@ -181,7 +181,9 @@ def polished_parts(
 
     def again(part: FittedPart) -> FittedPart:
         if found[part.index].type != "metal":
-            return replace(part, told=f"{part.told} It is no metal, so that the polish left it as it was.")
+            return replace(
+                part, told=f"{part.told} Mitsuba's paths are traced for metals alone, and left it as it was."
+            )
         label = _labelled(progress, part.material.name, len(parts))
         unhindered = replace(part.setting, occluder=None)  # what the object hides, the paths know
         few = part.observed[:: -(-len(part.observed.radiance) // MOST_TRACED)]

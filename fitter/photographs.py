@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
@@ -16,9 +17,11 @@ from renderer.clipping import dilated
 from renderer.errors import InputError
 from renderer.exposures import expose
 from renderer.images import LOSSY, read_image
+from renderer.lens_spec import LensSpec
 from renderer.scene import PhotographSpec, camera_of
 
 FAINTEST, BRIGHTEST = 1e-20, 1e20  # beyond these, squares leave float32
+PROPORTIONS = 0.02  # by which a lens's picture may differ in width over height, as small ones are rounded
 COVERED = 1 - 1e-3  # alpha of a fully covered pixel, less the rounding of half floats and of many samples' mean
 
 
@@ -108,6 +111,7 @@ def read_photograph(spec: PhotographSpec, scene_file: str | Path, index: int = 0
     if wrong is not None:
         raise InputError(scene_file, f"{field}.image", f"{spec.image.name}{wrong[0]}", wrong[1])
     height, width = inside.shape
+    _require_proportions(spec.camera.lens, width, height, (scene_file, field))
     full = None
     if seen.white is not None:
         full = inside & finite & clipped & (radiance >= seen.white).any(-1)
@@ -126,6 +130,14 @@ def read_photograph(spec: PhotographSpec, scene_file: str | Path, index: int = 0
         full=full if bounded else None,
         white=seen.white if bounded else None,
     )
+
+
+def _require_proportions(lens: LensSpec | None, width: int, height: int, place: tuple[str | Path, str]) -> None:
+    """Raises InputError where a photograph was turned or cropped since its lens was measured."""
+    if lens is not None and abs(math.log(width * lens.height / (height * lens.width))) > PROPORTIONS:
+        found = f"for {lens.width:g} × {lens.height:g} pixels"
+        expected = f"intrinsics for the proportions of the photograph, {width} × {height}: was it turned, or cropped?"
+        raise InputError(place[0], f"{place[1]}.camera.lens", found, expected)
 
 
 def _inputs(spec: PhotographSpec) -> tuple[InputFile, ...]:

@@ -190,12 +190,12 @@ class Setting:
         """The light of points [p] that what stands before it leaves over."""
         if shown and self.received is not None:
             return self._received(surface, self.received, occluder is not None)
-        if occluder is None:
-            return self._unoccluded(surface)
-        if not shown or len(surface.hit) <= MOST_OCCLUDED:
+        if occluder is None and len(surface.hit) <= MOST_DIFFUSE:
+            return diffuse_table(surface.normal, self.near, DIFFUSE_DEGREE)
+        if occluder is not None and (not shown or len(surface.hit) <= MOST_OCCLUDED):
             return diffuse_table(surface.normal, self.near, DIFFUSE_DEGREE, (occluder, occluder.origins(surface)))
         found = self._unoccluded(surface)
-        return found * occluder.openness(surface)[:, None, None].to(found)
+        return found if occluder is None else found * occluder.openness(surface)[:, None, None].to(found)
 
     def _received(self, surface: GBuffer, received: DiffuseLight, hidden: bool) -> Float[Tensor, "p b 3"]:
         """The light of points [p] by what is known of it at places."""
@@ -207,9 +207,7 @@ class Setting:
         return found
 
     def _unoccluded(self, surface: GBuffer) -> Float[Tensor, "p b 3"]:
-        """The light of points [p] before which nothing stands."""
-        if len(surface.hit) <= MOST_DIFFUSE:
-            return diffuse_table(surface.normal, self.near, DIFFUSE_DEGREE)
+        """The light of points [p] before which nothing stands, by their normals."""
         found = cubemap.smooth_lookup(self._diffuse_by_normal, DIFFUSE_MARGIN, surface.normal)
         return found.reshape(-1, DIFFUSE_DEGREE, 3)
 

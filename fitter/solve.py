@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 import math
+import os
 import time
 from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
@@ -28,6 +29,10 @@ ZERO_RESIDUAL = 1e-9  # share of the first cost that counts as none where a perf
 RANK_CUT = 1e-12  # singular values below this share of the largest are rounding
 ROWS, COLUMNS = (4608, 12288), 8  # problems are padded to the first, the search's pixels and prior, or to multiples
 STILL = 5  # steps in a row below the tolerance end Adam
+WRITTEN_BY_JAX = {"TF_CPP_MIN_LOG_LEVEL": "1", "TPU_SKIP_MDS_QUERY": "1"}
+"""What JAX's import adds to the environment. Added by a thread of its own, it ends the process now and then: the table
+moves while the C library reads it for another thread."""
+
 MAX_STEPS = {"lm": 64, "adam": 2000, "lbfgs": 200}
 
 
@@ -81,6 +86,8 @@ def compiling() -> Future[Solution]:
 
     Whoever knows early that it will be needed begins it; the first solution waits for its end.
     """
+    for name, value in WRITTEN_BY_JAX.items():
+        os.environ.setdefault(name, value)
     pool = ThreadPoolExecutor(1, "compiling")
     first = pool.submit(_optimistix, lambda x: x, torch.zeros(1, dtype=torch.float64), ROUGH, time.perf_counter())
     pool.shutdown(wait=False)

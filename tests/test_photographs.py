@@ -15,6 +15,7 @@ from fitter.photographs import read_photograph
 from renderer.clipping import dilated
 from renderer.errors import InputError
 from renderer.images import write_exr
+from renderer.lens_spec import LensSpec
 from renderer.scene import CameraSpec, PhotographSpec
 
 CAMERA = CameraSpec(origin=(0, 0, 4), target=(0, 0, 0))
@@ -123,6 +124,20 @@ def test_mask_of_another_size_names_both(spec):
     sentence = r"scene\.toml: photographs\[2\]\.mask: is mask\.png with 8 × 7 pixels, expected .* 8 × 6 pixels"
     with pytest.raises(InputError, match=sentence):
         read_photograph(spec(ones(), white), "scene.toml", 2)
+
+
+@pytest.mark.parametrize(("width", "height", "fits"), [(800, 600, True), (400, 299, True), (600, 800, False)])
+def test_a_lens_measured_on_pictures_of_other_proportions_is_refused(spec, width, height, fits):
+    lens = LensSpec(width=width, height=height, fx=700.0, k1=0.01)
+    table = spec(ones()).model_copy(update={"camera": CAMERA.model_copy(update={"lens": lens, "fov": None})})
+    if fits:
+        assert read_photograph(table, "scene.toml").camera.width == WIDTH
+        return
+    told = (
+        rf"scene\.toml: photographs\[0\]\.camera\.lens: is for 600 × 800 pixels, .* photograph, {WIDTH} × {HEIGHT}: was"
+    )
+    with pytest.raises(InputError, match=told):
+        read_photograph(table, "scene.toml")
 
 
 @pytest.mark.parametrize("thickness", [0, 1, 2])

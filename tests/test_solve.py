@@ -1,13 +1,16 @@
 """Three solvers on problems with known minima."""
 
 import math
+import os
+import subprocess
+import sys
 from dataclasses import dataclass
 
 import numpy as np
 import pytest
 import torch
 
-from fitter.solve import SOLVERS, Residual, levenberg_marquardt
+from fitter.solve import SOLVERS, WRITTEN_BY_JAX, Residual, levenberg_marquardt
 
 
 def float64(value) -> torch.Tensor:
@@ -134,3 +137,22 @@ def test_one_compiled_solver_serves_residuals_of_one_length():
     for target in (1.0, -3.0, 1.0):
         found = levenberg_marquardt(lambda x, target=target: torch.stack([x[0] - target, x[1] + target]), start)
         torch.testing.assert_close(found.x, float64([target, -target]), atol=1e-6, rtol=0)
+
+
+def test_no_other_thread_adds_to_the_environment():
+    """The C library's table of it moves when it grows, and `getenv` of another thread then reads what is freed."""
+    code = """
+import os, sys, threading
+added = []
+def hook(event, arguments):
+    if event == "os.putenv" and threading.current_thread() is not threading.main_thread():
+        added.extend(each for each in arguments[:1] if each not in os.environb)
+sys.addaudithook(hook)
+from fitter.solve import compiling
+compiling().result()
+assert "jax" in sys.modules
+print(added)
+"""
+    environment = {name: value for name, value in os.environ.items() if name not in WRITTEN_BY_JAX}
+    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, env=environment)
+    assert run.stdout.strip() == "[]"
