@@ -28,6 +28,7 @@ from tests.bench.setting import CACHE
 from tests.srgb_curve import encoded
 
 DIFFERENT = 5  # photographs that are made; scenes of more take these again
+APART = 1e-6  # relative difference of one's exposure to the next one's
 TRACED_WIDTH = 400
 MADE_UNDER = 256  # width of the studio's map
 ALPHA, NOISE, SAMPLES = 0.2, 0.01, 256
@@ -58,7 +59,10 @@ class Series:
         light = folder / f"studio-{self.environment}.exr"
         if not light.exists():
             write_exr(light, studio(self.environment).radiance.numpy())
-        tables = [_table(index % DIFFERENT, poses[index % DIFFERENT], _exposure(folder)) for index in range(self.count)]
+        exposure, tables = _exposure(folder), []
+        for index in range(self.count):  # of one exposure they would be the same photograph once more, and left out
+            which = index % DIFFERENT
+            tables.append(_table(which, poses[which], exposure * (1 + APART * index)))
         head = f'[geometry]\nshape = "sphere"\n[environment]\nmap = "{light.name}"\n'
         write_text_atomically(path, "\n".join([head, *tables]))
         return path
