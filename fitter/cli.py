@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import atexit
+import gc
 import io
 import os
 import signal
@@ -10,6 +11,7 @@ import sys
 import threading
 from contextlib import suppress
 from pathlib import Path
+from types import FrameType
 from typing import Annotated, NoReturn
 
 import typer
@@ -30,6 +32,7 @@ from fitter.view_command import view
 from renderer.errors import InputError
 
 WRONG_INPUT, INTERRUPTED = 2, 130  # exit codes, beside those of `fit_command`
+SOON = 0.01  # seconds
 UNTOUCHED = "interrupted; files of earlier results are as they were, and frontier and batch can go on"
 
 app = typer.Typer(
@@ -96,7 +99,10 @@ def _watch_for_interrupts() -> threading.Event:
     """An event that Ctrl-C and SIGTERM set: a library that is being imported may make an error of its own of them."""
     pressed = threading.Event()
 
-    def note(signum: int, frame: object) -> None:
+    def note(signum: int, frame: FrameType | None) -> None:
+        if _swallows(frame):
+            threading.Timer(SOON, os.kill, (os.getpid(), signum)).start()
+            return
         again = pressed.is_set()
         pressed.set()
         if not again or signum == signal.SIGINT:  # `timeout` sends SIGTERM twice: the first one's sweeping goes on
@@ -106,6 +112,16 @@ def _watch_for_interrupts() -> threading.Event:
         signal.signal(signal.SIGINT, note)
         signal.signal(signal.SIGTERM, note)
     return pressed
+
+
+def _swallows(frame: FrameType | None) -> bool:
+    """Whether an exception would be printed there and lost: in finalisers, and when garbage is collected."""
+    callbacks = {getattr(each, "__code__", None) for each in gc.callbacks}
+    while frame is not None:
+        if frame.f_code.co_name == "__del__" or frame.f_code in callbacks:
+            return True
+        frame = frame.f_back
+    return False
 
 
 def _run(arguments: list[str]) -> int:

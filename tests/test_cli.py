@@ -341,3 +341,28 @@ def test_our_own_mistakes_are_one_line_too(capfd, monkeypatch, gold_scene):
     assert ended.value.code == 1
     printed = capfd.readouterr().err
     assert re.fullmatch(r"fit-material: internal error, please report it: in two lines \(.*\)\n", printed)
+
+
+@pytest.mark.parametrize("where", ["gc.callbacks.append(lambda phase, info: press())", "Finalised()"])
+def test_an_interrupt_that_python_would_swallow_is_heard_afterwards(where):
+    code = f"""
+import gc, os, signal, time
+from fitter.cli import _watch_for_interrupts
+pressed = _watch_for_interrupts()
+def press():
+    os.kill(os.getpid(), signal.SIGTERM)
+    time.sleep(0.05)
+class Finalised:
+    def __del__(self):
+        press()
+try:
+    {where}
+    gc.collect()
+    gc.callbacks.clear()
+    time.sleep(20)
+    print("lost")
+except KeyboardInterrupt:
+    print("heard", pressed.is_set())
+"""
+    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert (run.stdout, run.stderr) == ("heard True\n", "")
