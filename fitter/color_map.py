@@ -34,7 +34,8 @@ from shaders.tone_mapping import srgb
 
 SMALLEST, LARGEST = 16, 4096  # texels along a side
 ROUNDS = 3  # of light that the object sends itself, and of the texture in it: each errs by a tenth of the last
-FEW_CUT, MANY_CUT = 0.01, 0.05  # share of texels cut at 1, from which it is told, and from which colours are open
+CLEARLY_ABOVE = 1.15  # colours that are more than noise about white
+FEW_CUT, MANY_CUT = 0.01, 0.05  # share of such texels, from which it is told, and from which colours are open
 OVERLAPS = 1.05  # places that share a texel in the mean, from which that is told; by centres it is known to a hundredth
 LEAST_MEAN = 1e-3  # of a channel's texels, below which a tint would only be rounding
 
@@ -47,7 +48,7 @@ class ColorMap:
         color: linear Rec. 709, in [0, 1], [h, w, 3]; without holes.
         photographs: how many see each texel.
         scatter: of the photographs about it before colours were cut at 1, relative.
-        cut: share of the texels seen of which a channel was.
+        cut: share of the texels seen of which a channel was `CLEARLY_ABOVE` it.
     """
 
     color: Float[np.ndarray, "h w 3"]
@@ -73,8 +74,8 @@ class ColorMap:
         )
         if self.cut > FEW_CUT:
             told += (
-                f" Colours of {self.cut:.0%} of these texels would have to be above 1, and were cut there: the object"
-                " seems to send more light than it receives, so that exposures, the environment or the type are wrong."
+                f" Colours of {self.cut:.0%} of these texels would have to be far above 1, and were cut there: the"
+                " object seems to send more light than it receives, so that exposures, environment or type are wrong."
             )
         return told
 
@@ -152,7 +153,7 @@ def _color_map(
     color = filled(solution.color, solution.solved, layout)
     photographs = np.where(layout.inside, solution.photographs, 0)
     seen = photographs > 0
-    cut = np.count_nonzero(seen & (color > 1).any(-1)) / max(1, np.count_nonzero(seen))
+    cut = np.count_nonzero(seen & (color > CLEARLY_ABOVE).any(-1)) / max(1, np.count_nonzero(seen))
     return ColorMap(np.clip(color, 0, 1), photographs, solution.scatter, cut)
 
 
