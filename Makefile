@@ -10,9 +10,10 @@
 #   make bench     accuracy and time, as the README states them
 #   make bench-recovery   n, k, F0 and alpha of many metals against the truth and the bound; hours at first
 #   make accuracy  docs/accuracy.md and its plot, measured on this machine; half an hour
+#   make fresh     `make demo` and `make test` on a Debian that has nothing installed; needs root; half an hour
 #   make clean     remove everything that these have made
 #
-# Needed beforehand: Python 3.11 or newer; for `fit-material view` the OpenGL libraries, which are installed where that
+# Needed beforehand: Python 3.11 or newer. The system's libraries (tools/install_libraries.sh) are installed where that
 # is allowed. Settings, each as in `make install PYTHON=/opt/python/bin/python3`:
 #
 #   PYTHON   the Python to make .venv from
@@ -80,10 +81,11 @@ clean:
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +
 
 # torch first and alone: what follows then finds it there, and does not replace it by another build
-$(installed): pyproject.toml | $(bin)/python
+$(installed): pyproject.toml tools/install_libraries.sh | $(bin)/python
+	bash tools/install_libraries.sh needed $(bin)/python
 	$(bin)/python -m pip install $(TORCH)
 	$(bin)/python -m pip install -e '.[dev]'
-	bash tools/install_libraries.sh $(bin)/python
+	bash tools/install_libraries.sh useful $(bin)/python
 	@touch $@
 
 $(bin)/python:

@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 import atexit
+import functools
 import gc
 import io
 import os
 import signal
 import sys
 import threading
+from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
 from types import FrameType
-from typing import Annotated, NoReturn
+from typing import Annotated, Any, NoReturn
 
 import typer
 from typer.exceptions import TyperException
@@ -21,6 +23,7 @@ from fitter.advise_command import advise
 from fitter.batch.command import batch
 from fitter.check_command import check
 from fitter.command_options import Out
+from fitter.doctor_command import doctor
 from fitter.fit_command import DONE, NO_MATERIAL, demo, fit
 from fitter.frontier_command import frontier
 from fitter.plan_command import plan
@@ -29,6 +32,7 @@ from fitter.probe_command import probe
 from fitter.selftest_command import selftest
 from fitter.synth_command import synth
 from fitter.view_command import view
+from renderer import dr_jit
 from renderer.errors import InputError
 
 WRONG_INPUT, INTERRUPTED = 2, 130  # exit codes, beside those of `fit_command`
@@ -41,17 +45,23 @@ app = typer.Typer(
     help="Recover what an object is made of from photographs: n, k, roughness, with error bars.",
 )
 
+
+def prepared(command: Callable[..., None]) -> Callable[..., None]:
+    """The command, which begins with what Dr.Jit needs: before anything is read, and before there are threads."""
+
+    @functools.wraps(command)
+    def run(**options: Any) -> None:
+        dr_jit.prepare()
+        command(**options)
+
+    return run
+
+
 app.command()(view)
-app.command()(advise)
-app.command()(frontier)
-app.command()(plan)
-app.command()(check)
 app.command()(probe)
-app.command()(fit)
-app.command()(batch)
-app.command()(synth)
-app.command()(demo)
-app.command()(selftest)
+app.command()(doctor)
+for needing_dr_jit in (advise, frontier, plan, check, fit, batch, synth, demo, selftest):
+    app.command()(prepared(needing_dr_jit))
 
 
 def program() -> NoReturn:

@@ -10,6 +10,9 @@ import pytest
 import torch
 from hypothesis import settings
 
+from renderer import dr_jit
+
+dr_jit.prepare()  # before there are threads; processes that tests start inherit the choice, and say nothing of it
 # several tests run at once, and the machine is shared: operations that wait for other cores wait long
 torch.set_num_threads(1)
 

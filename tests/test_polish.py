@@ -216,7 +216,7 @@ def test_the_viewers_model_is_not_polished(tmp_path):
 
 def test_without_llvm_the_user_learns_which_package_to_install(tmp_path):
     command = [sys.executable, "-m", "fitter.cli", "fit", "scene.toml", "-o", str(tmp_path), "--polish", "--quiet"]
-    environment = {**os.environ, "DRJIT_LIBLLVM_PATH": "/nonexistent/libLLVM.so"}
+    environment = {**os.environ, "FIT_MATERIAL_LLVM": "none"}
     done = subprocess.run(command, capture_output=True, text=True, env=environment)
     assert done.returncode == 2
     assert "--polish: expected LLVM's shared library (Debian: apt install libllvm19)" in done.stderr

@@ -122,18 +122,18 @@ def test_an_unknown_variant_is_answered_with_the_known_ones():
 
 def test_without_llvm_the_user_learns_which_package_to_install():
     code = "from renderer.to_mitsuba import mitsuba; mitsuba('llvm_ad_rgb')"
-    environment = {**os.environ, "DRJIT_LIBLLVM_PATH": "/nonexistent/libLLVM.so"}
+    environment = {**os.environ, "FIT_MATERIAL_LLVM": "none"}
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, env=environment)
     assert "InputError: --variant: is llvm_ad_rgb, expected LLVM's shared library" in done.stderr
     assert "libllvm19" in done.stderr
 
 
-@pytest.mark.parametrize("library", ["", "/nonexistent/libLLVM.so"])
-def test_the_fast_variant_is_taken_where_llvm_is_and_else_the_one_that_needs_nothing(library):
+@pytest.mark.parametrize("without", [False, True])
+def test_the_fast_variant_is_taken_where_llvm_is_and_else_the_one_that_needs_nothing(without):
     code = "from renderer.to_mitsuba import variant_here; print(variant_here())"
-    environment = {**os.environ, **({"DRJIT_LIBLLVM_PATH": library} if library else {})}
+    environment = {**os.environ, **({"FIT_MATERIAL_LLVM": "none"} if without else {})}
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, env=environment, check=True)
-    expected = "scalar_rgb" if library or not has_llvm() else "llvm_ad_rgb"
+    expected = "scalar_rgb" if without or not has_llvm() else "llvm_ad_rgb"
     assert done.stdout.split()[-1] == expected
 
 

@@ -1,28 +1,72 @@
 #!/usr/bin/env bash
-# See that Python can draw without a display: `install_libraries.sh PYTHON`. Where it cannot, the OpenGL libraries are
-# installed if that is allowed; if not, the line to type is told and everything else goes on: only `fit-material view`
-# needs them, and the tests that draw say that they skip.
+# Bring the system's libraries that Python packages do not: `install_libraries.sh needed PYTHON` before the packages are
+# installed, `install_libraries.sh useful PYTHON` after. What is missing is installed where that is allowed; if not, the
+# line to type is printed. Without what is needed nothing works, and this fails; without what is useful the rest goes on.
+#
+#   needed   libatomic1, against which Dr.Jit is linked
+#   useful   LLVM, by which Dr.Jit compiles, several times faster; OpenGL without a display, for `fit-material view`
 set -euo pipefail
 
-python=$1
-packages="libegl1 libgl1 libgl1-mesa-dri"
+kind=$1 python=$2
+opengl="libegl1 libgl1 libgl1-mesa-dri"
+llvm="libllvm19 libllvm22 libllvm21 libllvm20" # the first that this system has; older ones do not compile our kernels
+
+has_atomic() {
+    "$python" -c 'import ctypes; ctypes.CDLL("libatomic.so.1")' >/dev/null 2>&1
+}
+
+has_llvm() {
+    env -u FIT_MATERIAL_LLVM -u DRJIT_LIBLLVM_PATH \
+        "$python" -c 'import sys; from renderer import llvm; sys.exit(llvm.choose(None, llvm.candidates()).chosen is None)' \
+        >/dev/null 2>&1
+}
 
 can_draw() {
     "$python" -c 'from renderer.viewer.context import offscreen_context; offscreen_context()' >/dev/null 2>&1
 }
 
-tell() {
-    echo "make install: $1; fit-material view needs it, type: sudo apt-get install $packages" >&2
+as_root() {
+    if [ "$(id -u)" = 0 ]; then "$@"; else sudo -n "$@"; fi
 }
 
-install() {
-    local sudo=()
-    [ "$(id -u)" = 0 ] || sudo=(sudo -n)
-    command -v apt-get >/dev/null && "${sudo[@]}" true 2>/dev/null || return 1
+may_install() {
+    command -v apt-get >/dev/null && as_root true 2>/dev/null
+}
+
+update() {
+    [ -n "${updated:-}" ] || as_root apt-get update -q || true
+    updated=1
+}
+
+# The first of the packages that this system knows; the very first where it knows none.
+known() {
+    for package in "$@"; do
+        if apt-cache show "$package" >/dev/null 2>&1; then
+            echo "$package"
+            return
+        fi
+    done
+    echo "$1"
+}
+
+# bring CHECK "PACKAGES" WHAT: fails where the check fails in the end.
+bring() {
+    "$1" && return
     # shellcheck disable=SC2086 — several words
-    "${sudo[@]}" apt-get update -q && "${sudo[@]}" apt-get install -q -y --no-install-recommends $packages
+    may_install && as_root apt-get install -q -y --no-install-recommends $2 || true
+    "$1" && return
+    echo "make install: $3; type: sudo apt-get install $2" >&2
+    return 1
 }
 
-can_draw && exit
-install || { tell "OpenGL without a display is not installed"; exit 0; }
-can_draw || tell "there is still no OpenGL 4.3 without a display"
+if [ "$kind" = needed ]; then
+    has_atomic && exit
+    may_install && update
+    bring has_atomic libatomic1 "libatomic.so.1 is missing, without which nothing works"
+else
+    has_llvm && can_draw && exit
+    may_install && update
+    # shellcheck disable=SC2086
+    bring has_llvm "$(known $llvm)" "no LLVM that serves is installed; all works without, but several times slower" || true
+    bring can_draw "$opengl" "OpenGL 4.3 without a display is not installed; fit-material view needs it" || true
+fi
