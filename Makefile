@@ -3,6 +3,8 @@
 #   make install   .venv with the program in it: .venv/bin/fit-material
 #   make demo      photographs of a gold ball by Mitsuba, the fit, a report: demo/report.html
 #   make test      the tests
+#   make test-llvm the tests that depend on LLVM, where this machine has none, one that fails, one that serves, a wrong path
+#   make test-arithmetic  the tests that fit, by torch's arithmetic of another processor
 #   make slow      the tests that take minutes
 #   make stress    properties of whole domains by many examples, and a hundred thousand damaged files; some fifteen minutes
 #   make hard-cases  docs/hard-cases.md, from the table of hard cases, with Mitsuba beside it; two minutes
@@ -30,7 +32,7 @@ REPEATS = 1
 bin = .venv/bin
 installed = .venv/installed
 
-.PHONY: help install demo test slow stress hard-cases check bench bench-recovery accuracy clean
+.PHONY: help install demo test test-llvm test-arithmetic fresh slow stress hard-cases check bench bench-recovery accuracy clean
 
 help:
 	@sed -n '/^$$/q; s/^# \{0,1\}//p' Makefile
@@ -45,6 +47,22 @@ demo: $(installed)
 # each other. On two cores that others used as well, 990 tests took 210 s so, and 210 s one after another.
 test: $(installed)
 	OMP_NUM_THREADS=1 $(bin)/python -m pytest -n 2 --dist loadfile
+
+# LLVM 15 is what Mesa brings on Debian 12. A state that this machine cannot be brought into ends with 77: it is named,
+# and is no failure.
+test-llvm: $(installed)
+	bash tools/install_libraries.sh for-tests $(bin)/python
+	for state in none 15 19 broken; do \
+		echo "LLVM: $$state"; \
+		OMP_NUM_THREADS=1 bash tools/with_llvm.sh $$state $(bin)/python -m pytest -q -n 2 -m 'dr_jit and not slow' \
+			|| [ $$? = 77 ] || exit 1; \
+	done
+
+test-arithmetic: $(installed)
+	ATEN_CPU_CAPABILITY=default OMP_NUM_THREADS=1 $(bin)/python -m pytest -q -n 2 -m 'fits and not slow'
+
+fresh:
+	bash tools/fresh.sh
 
 slow: $(installed)
 	$(bin)/python -m pip install -e '.[slow]'

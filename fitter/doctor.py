@@ -175,7 +175,7 @@ def _run(code: str) -> tuple[bool, str]:
         return False, f"no answer within {PATIENCE} s"
     said = done.stdout if done.returncode == 0 else done.stderr
     last = said.strip().splitlines()[-1:] or [f"exit code {done.returncode}"]
-    return done.returncode == 0, last[0]
+    return done.returncode == 0, last[0].removeprefix("renderer.errors.InputError: ")
 
 
 def _here() -> str:

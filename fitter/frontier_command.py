@@ -12,6 +12,7 @@ from typing import Annotated
 import typer
 
 from fitter.command_options import Device, Quiet, output_folder
+from fitter.fit_command import DONE, NO_MATERIAL
 from fitter.option_names import TypeName
 from fitter.printing import say
 from fitter.progress import progress_bar
@@ -48,7 +49,10 @@ def frontier(
     device: Device = "cpu",
     quiet: Quiet = False,
 ) -> None:
-    """What accuracy costs in time, on your own photographs; goes on where it was interrupted."""
+    """What accuracy costs in time, on your own photographs; goes on where it was interrupted.
+
+    Exit code 1 where fewer than two rungs have a fit to compare.
+    """
     from fitter.frontier_rungs import CHOICES, LADDER, named
 
     chosen = named(CHOICES, rungs, always=CHOICES[:1]) if choices else named(LADDER, rungs)
@@ -64,3 +68,5 @@ def frontier(
 
     say(terminal_table(found, shutil.get_terminal_size().columns if sys.stdout.isatty() else None))
     say(f"page: {out / asked.stem}.html")
+    compared = [row for row in found.rows if set(row.statuses) != {"failed"}]
+    raise typer.Exit(DONE if len(compared) >= 2 else NO_MATERIAL)

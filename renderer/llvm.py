@@ -123,7 +123,7 @@ def candidates() -> list[Path]:
     named = [*os.environ.get("LD_LIBRARY_PATH", "").split(":"), os.environ.get("CONDA_PREFIX", "") + "/lib"]
     folders += [folder for name in named if (folder := Path(name)).is_absolute()]  # never the working folder
     found = [*_known_to_loader(), *(path for folder in folders for path in _libraries(folder))]
-    real = {os.path.realpath(path): path for path in reversed(found)}
+    real = {os.path.realpath(path): path for path in reversed(found) if path.is_file()}
     return sorted(real.values(), key=_rank, reverse=True)
 
 

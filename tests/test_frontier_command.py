@@ -14,8 +14,12 @@ from contextlib import suppress
 from pathlib import Path
 
 import pytest
+from typer.testing import CliRunner
 
+from fitter import cli, frontier_files
 from fitter.catalogue import metal
+from fitter.frontier_runs import Run
+from fitter.result import Time
 from renderer.synth import SynthOptions, synthesise
 from renderer.truth import TrueMetal
 
@@ -118,6 +122,27 @@ def test_a_truth_of_another_scene_is_told_before_any_fit(scene, tmp_path):
     sentence = f"materials[].name: is lid, expected the name of a material of {other}: default; or no truth.json there"
     assert (done.returncode, done.stderr) == (2, f"fit-material: {truth}: {sentence}\n")
     assert not (tmp_path / "new").exists()
+
+
+@pytest.mark.parametrize(("ended", "code"), [(0, 1), (1, 1), (2, 0)])
+def test_fewer_than_two_fits_are_no_comparison(scene, tmp_path, monkeypatch, ended, code):
+    """Runs that die, as by a compiler that aborts, are told as failed, and by the exit code."""
+
+    def died(experiment, rungs, repeats, progress):
+        fine = {"status": "converged", "message": "", "picture": 0.1}
+        lost = {"status": "failed", "message": "LLVM ERROR: Cannot select"}
+        time_ = Time(load=1, prepare=1, solve=1, report=1, total=4)
+        return [
+            Run(
+                rung=rung.name, options=(), seed=0, command=1, peak=1, **(fine | {"time": time_} if i < ended else lost)
+            )
+            for i, rung in enumerate(rungs)
+        ]
+
+    monkeypatch.setattr(frontier_files, "all_runs", died)
+    done = CliRunner().invoke(cli.app, ["frontier", str(scene), "-o", str(tmp_path), *RUNGS])
+    assert done.exit_code == code, done.output
+    assert done.output.count("failed: LLVM ERROR: Cannot select") == 2 - ended
 
 
 @pytest.mark.parametrize(

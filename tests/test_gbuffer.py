@@ -15,6 +15,8 @@ from renderer.gbuffer import concatenate, pixel_centres, pixel_footprints, trace
 from renderer.mesh import Mesh, Sphere
 from renderer.to_mitsuba import mitsuba, mitsuba_shape
 
+pytestmark = pytest.mark.dr_jit
+
 EPS32 = 2.0**-23
 
 

@@ -14,6 +14,8 @@ import pytest
 from renderer import llvm
 from renderer.llvm import Choice, Verdict
 
+pytestmark = pytest.mark.dr_jit
+
 NOT_A_LIBRARY = "not a library"
 FOUND = llvm.candidates()
 USABLE = [path for path in FOUND if llvm.verdict_on(str(path)).usable]

@@ -24,6 +24,8 @@ from shaders.shade import DirectionalLight
 from tests import bowl as golden
 from tests.test_visibility import ball, balls
 
+pytestmark = pytest.mark.dr_jit
+
 SIZE, PASSES, SPP = 12, 8, 512
 CAMERA = golden.looks()[0].camera(SIZE)
 WHITE = (1.0, 1.0, 1.0)

@@ -14,6 +14,8 @@ from renderer.errors import InputError
 from renderer.mesh import Mesh, Sphere
 from renderer.to_mitsuba import conductor, envmap, mitsuba, mitsuba_shape, sensor, variant_here
 
+pytestmark = pytest.mark.dr_jit
+
 FLOAT32 = 1e-6  # what remains of unit vectors and colours after Mitsuba's float32
 
 

@@ -22,6 +22,8 @@ from renderer.to_mitsuba import conductor
 from renderer.visibility import ROUNDS, WIDE, hidden_share, sees_itself
 from tests.soft_scene import soft_light
 
+pytestmark = pytest.mark.dr_jit
+
 CENTRES = np.array([[-1.25, 0.0, 0.0], [1.25, 0.0, 0.0]])
 DIRECTIONS = sum(ROUNDS)
 

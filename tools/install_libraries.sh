@@ -5,6 +5,7 @@
 #
 #   needed   libatomic1, against which Dr.Jit is linked
 #   useful   LLVM, by which Dr.Jit compiles, several times faster; OpenGL without a display, for `fit-material view`
+#   for-tests   LLVM 15, which does not compile our kernels: what happens where it is the only one is tested
 set -euo pipefail
 
 kind=$1 python=$2
@@ -19,6 +20,10 @@ has_llvm() {
     env -u FIT_MATERIAL_LLVM -u DRJIT_LIBLLVM_PATH \
         "$python" -c 'import sys; from renderer import llvm; sys.exit(llvm.choose(None, llvm.candidates()).chosen is None)' \
         >/dev/null 2>&1
+}
+
+has_llvm_15() {
+    compgen -G '/usr/lib/*/libLLVM-15.so*' >/dev/null
 }
 
 can_draw() {
@@ -63,6 +68,10 @@ if [ "$kind" = needed ]; then
     has_atomic && exit
     may_install && update
     bring has_atomic libatomic1 "libatomic.so.1 is missing, without which nothing works"
+elif [ "$kind" = for-tests ]; then
+    has_llvm_15 && exit
+    may_install && update
+    bring has_llvm_15 libllvm15 "LLVM 15 is not installed; the tests on it are left out" || true
 else
     has_llvm && can_draw && exit
     may_install && update
