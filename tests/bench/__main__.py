@@ -22,6 +22,7 @@ from tests.bench import (
     frame,
     grid,
     hard_cases,
+    llvm_states,
     loop,
     maps,
     parity,
@@ -102,6 +103,7 @@ def parts(asked: argparse.Namespace) -> Parts:
             "Many small scenes",
             partial(batch.rows, scenes=asked.scenes, repeats=repeats or batch.USUAL_REPEATS),
         ),
+        "llvm-states": ("Whatever LLVM a machine has", llvm_states.rows),
         "hard-cases": ("Hard cases", partial(hard_cases.rows, out=asked.out)),
         "real": (
             "Recovery: a sphere and two meshes, 512 samples",
