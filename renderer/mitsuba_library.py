@@ -15,8 +15,9 @@ def mitsuba_library() -> Any:
     first, and in its own after that. Here it has its own alone, in all threads and variants. A name that it has no
     plugin for is still looked for in the working folder: no such name may come from a file.
     """
-    import mitsuba as mi
+    import mitsuba
 
+    mi: Any = mitsuba
     resolver = mi.file_resolver()
     resolver.clear()
     resolver.append(str(Path(str(mi.__file__)).resolve().parent))

@@ -201,7 +201,7 @@ def test_fields_of_view_along_every_side(tmp_path, axis, size):
 
 lengths = st.floats(-100, 100).map(lambda value: round(value, 4))
 vectors = st.tuples(lengths, lengths, lengths)
-directions = vectors.filter(lambda v: np.linalg.norm(v) > 1).map(lambda v: (v / np.linalg.norm(v)).tolist())
+directions = vectors.filter(lambda v: np.linalg.norm(v) > 1).map(lambda v: (np.array(v) / np.linalg.norm(v)).tolist())
 PARTS = st.one_of(
     vectors.map(lambda v: f'<translate value="{v[0]},{v[1]} {v[2]}"/>'),
     st.tuples(st.sampled_from("xyz"), lengths).map(lambda part: f'<translate {part[0]}="{part[1]}"/>'),
