@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping, Sequence
 
 import torch
 
-from fitter.exported import Rgb, given, number, numbers
+from fitter.exported import Rgb, given, number, numbers, remark_line
 from fitter.principled import principled
 from fitter.remarks import remarks
 from fitter.result import FittedMaterial
@@ -46,7 +46,7 @@ def blender(materials: Sequence[FittedMaterial]) -> str:
 
 def _entry(material: FittedMaterial) -> Iterator[str]:
     yield f"    {material.name!a}: {{"
-    yield from (f"        # {remark}" for remark in remarks(material))
+    yield from (f"        # {remark_line(remark)}" for remark in remarks(material))
     yield from (f'        "{socket}": {value},' for socket, value in _sockets(material).items())
     yield "    },"
 

@@ -27,7 +27,7 @@ from fitter.doctor_command import doctor
 from fitter.fit_command import DONE, NO_MATERIAL, demo, fit
 from fitter.frontier_command import frontier
 from fitter.plan_command import plan
-from fitter.printing import Unwritable, flush, open_streams, say
+from fitter.printing import Unwritable, complain, flush, open_streams, say
 from fitter.probe_command import probe
 from fitter.selftest_command import selftest
 from fitter.synth_command import synth
@@ -156,8 +156,7 @@ def _usage(error: TyperException) -> str:
 
 
 def _fail(sentence: str, code: int) -> NoReturn:
-    with suppress(OSError):  # the exit code is told all the same
-        print(f"fit-material: {sentence}", file=sys.stderr)
+    complain(sentence)
     sys.exit(code)
 
 

@@ -17,6 +17,8 @@ from renderer.atomic import replaced_together, write_bytes_atomically, write_tex
 from renderer.errors import InputError
 from renderer.mtl_text import FLOAT32_MAX
 
+PNG = b"\x89PNG\r\n\x1a\n"  # what such files begin with
+
 Writer = Callable[[Sequence[FittedMaterial]], str]
 
 FORMATS: Mapping[str, tuple[str, Writer]] = MappingProxyType(
@@ -67,13 +69,22 @@ def _copy_maps(materials: Sequence[FittedMaterial], source: Path, folder: Path) 
     for index, material in enumerate(materials):
         if material.maps is None:
             continue
-        name, field = material.maps.color, f"materials[{index}].maps.color"
-        if Path(name).name != name:
-            raise InputError(source, field, name, "the name of a file, without folders in it")
-        try:
-            write_bytes_atomically(folder / name, (source.parent / name).read_bytes())
-        except OSError as error:
-            raise InputError(source, field, name, f"a file beside it ({error.strerror})") from error
+        field = f"materials[{index}].maps.color"
+        write_bytes_atomically(folder / material.maps.color, _texture(source, field, material.maps.color))
+
+
+def _texture(source: Path, field: str, name: str) -> bytes:
+    """A texture, and no other file of whoever exports a result of somebody else's."""
+    path = source.parent / name
+    try:
+        here = path.resolve(strict=True).parent == source.parent.resolve()
+        data = path.read_bytes() if here and path.is_file() else b""
+    except (OSError, RuntimeError) as error:  # RuntimeError of links in a circle
+        reason = getattr(error, "strerror", None) or "links in a circle"
+        raise InputError(source, field, name, f"a file beside it ({reason})") from error
+    if not data.startswith(PNG):
+        raise InputError(source, field, name, "a PNG file beside it")
+    return data
 
 
 def _written(writer: Writer, materials: Sequence[FittedMaterial], source: str | Path) -> str:

@@ -10,6 +10,7 @@ import torch
 
 from fitter.result import FittedMaterial
 from renderer.mtl_text import FLOAT32_MAX, distinct
+from renderer.printable import printable
 from shaders.fresnel import index_limit
 
 Rgb = tuple[float, float, float]
@@ -75,6 +76,11 @@ def index_and_tint(reflectance: Sequence[float]) -> tuple[float, Rgb]:
         return 1.0, (1.0, 1.0, 1.0)
     red, green, blue = (f / largest for f in reflectance)
     return float(index_limit(torch.tensor(largest, dtype=torch.float64))), (red, green, blue)
+
+
+def remark_line(remark: str) -> str:
+    """A remark as a comment takes it, in Python and in XML: one line, that ends no comment and has no -- in it."""
+    return re.sub("-(?=-)", "- ", printable(remark))
 
 
 def identifiers(names: Iterable[str]) -> list[str]:

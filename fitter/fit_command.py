@@ -25,7 +25,7 @@ from fitter.option_names import (
     TypeName,
 )
 from fitter.passed_options import with_parameters_of
-from fitter.printing import say
+from fitter.printing import complain, say
 from fitter.progress import progress_bar
 from renderer.errors import InputError
 
@@ -148,7 +148,7 @@ def _fit(scene: Path, out: Path, options: FitOptions, quiet: bool, begun: float)
         command = shlex.join(["fit-material", *sys.argv[1:]])
         result = fit_scene(scene, out, replace(options, command=command), progress, begun, warnings.append)
     for sentence in warnings:
-        print(f"fit-material: {sentence}", file=sys.stderr)
+        complain(sentence)
     _print_result(result, out)
     return DONE if result.status == "converged" else NO_MATERIAL
 

@@ -11,11 +11,13 @@ from fitter.given_maps import given_maps, shape_under
 from fitter.result import InputFile, MaterialType, sha256_of
 from renderer import gbuffer
 from renderer.appearance import Maps
+from renderer.checked import PLAIN
 from renderer.colmap import model_files
 from renderer.environment import Environment, read_environment
 from renderer.errors import InputError
 from renderer.gbuffer import Tracer
 from renderer.mesh import Mesh, Shape
+from renderer.printable import has_controls
 from renderer.relief import with_relief
 from renderer.scene import PhotographSpec, Scene, read_scene, read_shape
 
@@ -134,6 +136,13 @@ def _beside_photographs(scene: Scene, scene_file: Path) -> list[Path | None]:
 
 
 def _hashed(paths: Iterable[Path | None]) -> tuple[InputFile, ...]:
-    """Those that are files."""
+    """Those that are files.
+
+    Raises:
+        InputError: a file cannot be read, or its path has control characters, which no result may have.
+    """
     files = [path for path in paths if path is not None and path.is_file()]
+    for path in files:
+        if has_controls(str(path)):
+            raise InputError(path, expected=f"a path {PLAIN}")
     return tuple(InputFile(path=str(path), sha256=sha256_of(path)) for path in files)

@@ -9,6 +9,7 @@ from xml.etree.ElementTree import Element, SubElement
 from fitter.exported import front_color, given, identifiers, index_and_tint, number, numbers
 from fitter.remarks import remarks
 from fitter.result import FittedMaterial
+from renderer.printable import printable
 
 BETWEEN = ", "
 
@@ -30,7 +31,9 @@ def materialx(materials: Sequence[FittedMaterial]) -> str:
     for name, material in zip(names, materials, strict=True):
         graph = _Nodes(root, name)
         surface = graph.add("surface", "surfaceshader", bsdf=("BSDF", _bsdf(graph, material)))
-        node = SubElement(root, "surfacematerial", name=name, type="material", doc="; ".join(remarks(material)))
+        node = SubElement(
+            root, "surfacematerial", name=name, type="material", doc=printable("; ".join(remarks(material)))
+        )
         SubElement(node, "input", name="surfaceshader", type="surfaceshader", nodename=surface)
     ElementTree.indent(root)
     return ElementTree.tostring(root, "unicode", xml_declaration=True) + "\n"

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from xml.etree import ElementTree
 from xml.etree.ElementTree import Comment, Element, SubElement
 
-from fitter.exported import front_color, given, identifiers, index_and_tint, number, numbers
+from fitter.exported import front_color, given, identifiers, index_and_tint, number, numbers, remark_line
 from fitter.remarks import remarks
 from fitter.result import FittedMaterial
 from renderer.to_mitsuba import Bsdf, conductor, diffuse, plastic
@@ -23,7 +23,7 @@ def mitsuba_xml(materials: Sequence[FittedMaterial]) -> str:
     for name, material in zip(names, materials, strict=True):
         bsdf = _bsdf(material)
         node = SubElement(root, "bsdf", type=bsdf.pop("type"), id=name)
-        node.extend(Comment(f" {line} ") for line in remarks(material))
+        node.extend(Comment(f" {remark_line(line)} ") for line in remarks(material))
         for key, value in bsdf.items():
             _add(node, key, value)
     ElementTree.indent(root)

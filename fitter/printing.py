@@ -5,7 +5,9 @@ from __future__ import annotations
 import os
 import sys
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
+
+from renderer.printable import printable, printable_lines
 
 
 class Unwritable(Exception):
@@ -13,13 +15,19 @@ class Unwritable(Exception):
 
 
 def say(*words: object) -> None:
-    """Print, if anybody reads it.
+    """Print, if anybody reads it; what names from files hold beside letters does not reach the terminal.
 
     Raises:
         Unwritable: somebody would, but it cannot be written.
     """
     with _unread():
-        print(*words, flush=True)
+        print(*(printable_lines(str(word)) for word in words), flush=True)
+
+
+def complain(sentence: str) -> None:
+    """Print a sentence to standard error, if anybody reads it."""
+    with suppress(OSError):
+        print(f"fit-material: {printable(sentence)}", file=sys.stderr, flush=True)
 
 
 def flush() -> None:

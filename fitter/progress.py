@@ -6,6 +6,8 @@ import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
+from renderer.printable import printable
+
 Progress = Callable[[str, float], None]
 """Told a stage of the work and the share of it that is done, in [0, 1]."""
 
@@ -20,7 +22,7 @@ def progress_bar(quiet: bool) -> Iterator[Progress]:
     from rich.progress import BarColumn, TextColumn, TimeElapsedColumn
     from rich.progress import Progress as Bars
 
-    columns = (TextColumn("{task.description:24}"), BarColumn(), TimeElapsedColumn())
+    columns = (TextColumn("{task.description:24}", markup=False), BarColumn(), TimeElapsedColumn())
     with Bars(*columns, console=Console(stderr=True), transient=True) as bars:
         tasks: dict[str, object] = {}
 
@@ -28,7 +30,7 @@ def progress_bar(quiet: bool) -> Iterator[Progress]:
             if stage not in tasks:
                 for done in tasks.values():
                     bars.update(done, completed=1)  # type: ignore[arg-type]
-                tasks[stage] = bars.add_task(stage, total=1)
+                tasks[stage] = bars.add_task(printable(stage), total=1)
             bars.update(tasks[stage], completed=share)  # type: ignore[arg-type]
 
         yield show

@@ -15,7 +15,7 @@ from typing import Annotated, Generic, Literal, TypeVar
 from pydantic import AfterValidator, ConfigDict, Field, model_validator
 
 from renderer.atomic import write_text_atomically
-from renderer.checked import Checked, check, unexpected
+from renderer.checked import Checked, check, require_plain, unexpected
 from renderer.errors import InputError
 
 FORMAT = 1
@@ -120,6 +120,15 @@ class Correlation(Record):
         return self
 
 
+def _png_beside(name: str) -> str:
+    if not re.fullmatch(r"[^/\\.][^/\\]*\.png", name):
+        raise unexpected("the name of a .png file, without folders in it")
+    return name
+
+
+PngBeside = Annotated[str, AfterValidator(_png_beside)]
+
+
 class Maps(Record):
     """Texture files of a material, in the folder of `result.json`.
 
@@ -128,8 +137,8 @@ class Maps(Record):
         color_seen: how many photographs see each of its texels; 0 where it was filled.
     """
 
-    color: str
-    color_seen: str
+    color: PngBeside
+    color_seen: PngBeside
 
 
 class _Named(Record):
@@ -357,7 +366,7 @@ def read_result(path: str | Path) -> Result:
     """Read a `result.json` of format 1.
 
     Raises:
-        InputError: the file is missing or no text, is not JSON, or a field in it is wrong.
+        InputError: the file is missing or no text, is not JSON, or a field in it is wrong or has control characters.
     """
     try:
         data = json.loads(Path(path).read_text(encoding="utf-8"))
@@ -367,7 +376,10 @@ def read_result(path: str | Path) -> Result:
         raise InputError(path, expected=f"strict JSON in UTF-8 ({error})") from error
     except RecursionError:
         raise InputError(path, expected="JSON without hundreds of lists inside each other") from None
-    return check(Result, data, Path(path))
+    result = check(Result, data, Path(path))
+    told = {key: value for key, value in data.items() if key != "message"}  # that may have lines
+    require_plain(told, Path(path))  # names go into scripts and scenes, where a line break ends them
+    return result
 
 
 def sha256_of(path: str | Path) -> str:

@@ -20,6 +20,7 @@ from renderer.environment import read_environment
 from renderer.errors import InputError
 from renderer.images import png, write_exr
 from renderer.model import Model, read_model
+from renderer.printable import printable
 from renderer.scene import LARGEST, LightSpec, light_option, read_scene
 from renderer.surroundings import Surroundings, surroundings
 from renderer.synth import named_environment
@@ -113,7 +114,7 @@ def show(options: ViewOptions) -> Iterator[Path]:
         return
     model = _read(options)
     for remark in model.remarks:
-        print(remark, file=sys.stderr)
+        print(printable(remark), file=sys.stderr)
     yield from _written(options, model, light, photographs)
 
 

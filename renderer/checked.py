@@ -20,9 +20,11 @@ from pydantic import (
 from pydantic_core import ErrorDetails, PydanticCustomError
 
 from renderer.errors import InputError, as_written
+from renderer.printable import has_controls, printable
 
 Model = TypeVar("Model", bound=BaseModel)
 
+PLAIN = "without control characters"
 DEEPEST = 100  # tables and lists inside each other, beyond which pydantic cannot tell of them; files of ours have five
 
 
@@ -64,6 +66,22 @@ def check(model: type[Model], data: Any, file: Path) -> Model:
         raise _input_error(file, error.errors(include_url=False)[0]) from None
 
 
+def require_plain(data: Any, file: Path, field: str = "") -> None:
+    """Refuse texts with control characters or halves of characters, wherever they stand in what `check` has passed.
+
+    Raises:
+        InputError: about the first of them.
+    """
+    if isinstance(data, str) and printable(data) != data:
+        raise InputError(file, field, _quoted(data), f"a text {PLAIN}")
+    if isinstance(data, dict):
+        for key, value in data.items():
+            require_plain(value, file, f"{field}.{key}".removeprefix("."))
+    if isinstance(data, list):
+        for index, value in enumerate(data):
+            require_plain(value, file, f"{field}[{index}]")
+
+
 def _deeper(data: Any, depth: int) -> bool:
     """Whether more tables and lists than that stand inside each other; without recursion, which would end first."""
     level = [data]
@@ -81,6 +99,8 @@ def _existing(path: Path, info: ValidationInfo) -> Path:
         raise unexpected("a file or folder that exists", value=shortened(str(path))) from None
     if not there:
         raise unexpected("a file or folder that exists", value=found)
+    if has_controls(str(found)):
+        raise unexpected(f"a path {PLAIN}", value=shortened(str(found)))
     return found
 
 
@@ -105,6 +125,13 @@ def _file(path: Path) -> Path:
     return path
 
 
+def _plain(text: str) -> str:
+    if has_controls(text):
+        raise unexpected(f"a text {PLAIN}", value=text)
+    return text
+
+
+PlainText = Annotated[str, AfterValidator(_plain)]
 ExistingPath = Annotated[Path, Strict(False), AfterValidator(_existing)]
 ExistingFile = Annotated[ExistingPath, AfterValidator(_file)]
 Vector = Annotated[tuple[float, float, float], Strict(False)]

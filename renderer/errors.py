@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from renderer.printable import printable
+
 
 class InputError(Exception):
     """Wrong input, told in one sentence: which file, which field, the value, what was expected.
@@ -19,7 +21,8 @@ class InputError(Exception):
         self.file, self.field, self.value, self.expected = str(file), field, value, expected
         where = f"{self.file}: {field}" if field else self.file
         found = f" is {as_written(value)}," if str(value) else ""
-        super().__init__(f"{where}:{found} expected {expected}".replace("\n", " "))
+        told = expected.replace("\n", " ")
+        super().__init__(printable(f"{where}:{found} expected {told}"))
 
 
 def as_written(value: object) -> str:

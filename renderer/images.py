@@ -17,6 +17,7 @@ from jaxtyping import Bool, Float, Num, UInt, UInt8
 from renderer.atomic import replaced_together
 from renderer.errors import InputError
 from renderer.exif import read_exif, upright
+from renderer.mitsuba_library import mitsuba_library
 from renderer.promised import promised_size, require_size
 from renderer.radiance_hdr import read_hdr
 from renderer.raw import ENDINGS, read_raw
@@ -195,8 +196,7 @@ def _silent() -> Iterator[None]:
 
 def _read_bitmap(path: Path) -> Samples:
     """PNG through Mitsuba, which keeps 16 bits at 16 bits and expands palettes."""
-    import mitsuba as mi
-
+    mi = mitsuba_library()
     if mi.variant() is None:
         mi.set_variant("scalar_rgb")
     return np.array(mi.Bitmap(str(path)))

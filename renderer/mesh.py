@@ -14,9 +14,10 @@ from typing import Any, TypeVar
 import numpy as np
 from jaxtyping import Float, Int
 
-from renderer.checked import shortened
+from renderer.checked import PLAIN, shortened
 from renderer.errors import InputError
 from renderer.obj import MATERIAL_FILE, plain_obj
+from renderer.printable import has_controls
 
 UNNAMED = "default"
 FARTHEST = 1e75  # of coordinates: squares of areas stay finite
@@ -118,6 +119,9 @@ def _parts(path: Path) -> list[_Part]:
 
 
 def _check(path: Path, part: _Part) -> None:
+    for what, name in (("name of a material", part.name), ("name of an object", part.object)):
+        if has_controls(name):  # it goes to terminals, and into files where a line break ends a name
+            raise InputError(path, what, shortened(name), f"one {PLAIN}")
     if part.vertices.ndim != 2 or part.vertices.shape[1] != 3 or part.faces.ndim != 2 or part.faces.shape[1] != 3:
         raise InputError(path, expected="vertices of three coordinates and faces of three corners")
     if part.faces.size and not 0 <= part.faces.min() <= part.faces.max() < len(part.vertices):

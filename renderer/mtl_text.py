@@ -157,8 +157,8 @@ def written_names(names: Iterable[str]) -> list[str]:
 
 
 def _safe_name(name: str) -> str:
-    """`name` without what loses materials in tinyobjloader and Blender: blanks, BOM, emptiness."""
-    kept = re.sub(r"[\s\x00-\x1f\x7f#\\]+", "_", name.replace("\ufeff", "").strip())
+    """`name` without what loses materials in tinyobjloader and Blender: blanks, BOM, emptiness; and what steers."""
+    kept = re.sub(r"[\s\x00-\x1f\x7f-\x9f\ud800-\udfff#\\]+", "_", name.replace("\ufeff", "").strip())
     return kept or "unnamed"
 
 

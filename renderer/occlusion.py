@@ -14,6 +14,7 @@ from renderer import to_mitsuba
 from renderer.errors import InputError
 from renderer.gbuffer import GBuffer
 from renderer.mesh import Mesh, Shape
+from renderer.mitsuba_library import mitsuba_library
 from renderer.raycast import Caster, caster
 from renderer.views import bounding_sphere
 from renderer.visibility import cosine_directions
@@ -84,8 +85,7 @@ def is_convex(mesh: Mesh) -> bool:
 
 def _compiled(shape: Shape) -> Callable[[Any, Any], Any] | None:
     """A function from origins and directions, Dr.Jit's arrays without derivatives, to whether light passes."""
-    import mitsuba as mi
-
+    mi = mitsuba_library()
     before = mi.variant()
     try:
         mi = to_mitsuba.mitsuba("llvm_ad_rgb")

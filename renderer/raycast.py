@@ -12,6 +12,7 @@ from torch import Tensor
 from renderer import to_mitsuba
 from renderer.errors import InputError
 from renderer.mesh import Shape
+from renderer.mitsuba_library import mitsuba_library
 
 Caster = Callable[[Float[Tensor, "p 3"], Float[Tensor, "p 3"]], Int[np.ndarray, " p"]]
 
@@ -22,8 +23,7 @@ def caster(shape: Shape) -> Caster:
     All rays at once through LLVM where its library is found, else one by one, which takes thirty times as long.
     Mitsuba's current variant is afterwards what it was.
     """
-    import mitsuba as mi
-
+    mi = mitsuba_library()
     before = mi.variant()
     try:
         return _vectorised(shape, to_mitsuba.mitsuba("llvm_ad_rgb"))

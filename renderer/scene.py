@@ -23,7 +23,17 @@ from torch import Tensor
 
 from renderer.camera import Camera, look_at
 from renderer.cameras import with_cameras
-from renderer.checked import Checked, ExistingFile, ExistingPath, RigidMotion, Vector, check, existing_path, unexpected
+from renderer.checked import (
+    Checked,
+    ExistingFile,
+    ExistingPath,
+    PlainText,
+    RigidMotion,
+    Vector,
+    check,
+    existing_path,
+    unexpected,
+)
 from renderer.errors import InputError
 from renderer.images import ENCODING, ENCODING_HELP
 from renderer.lens_spec import LensSpec
@@ -198,7 +208,7 @@ class PhotographSpec(Checked):
 class MaterialSpec(Checked):
     """`[[materials]]`: what to take for given, by the mesh's material name; maps are laid over texture coordinates."""
 
-    name: str
+    name: PlainText
     type: Literal["auto", "metal", "glossy", "matte"] = "auto"
     normal_map: ExistingFile | None = None
     ambient_occlusion_map: ExistingFile | None = None

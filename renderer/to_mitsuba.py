@@ -16,6 +16,7 @@ from renderer.camera import Camera
 from renderer.environment import Environment
 from renderer.errors import InputError
 from renderer.mesh import Mesh, Shape, Sphere
+from renderer.mitsuba_library import mitsuba_library
 from renderer.truth import Channels, Distribution, TrueGlossy, TrueMaterial, TrueMetal
 from shaders.fresnel import index_limit
 from shaders.shade import DirectionalLight
@@ -34,8 +35,7 @@ def mitsuba(variant: str = "scalar_rgb") -> Any:
     Raises:
         InputError: where there is no such variant, or its library (LLVM, CUDA) cannot be loaded.
     """
-    import mitsuba as mi
-
+    mi = mitsuba_library()
     known = [name for name in mi.variants() if name.endswith("_rgb")]
     if variant not in known:
         raise InputError("--variant", value=variant, expected=f"one of {', '.join(known)}, or {AUTO}")
@@ -139,8 +139,7 @@ def sensor(camera: Camera, spp: int = 1) -> dict[str, Any]:
 
 def envmap(environment: Environment) -> dict[str, Any]:
     """The far-away surroundings as an emitter, linear as they are."""
-    import mitsuba as mi
-
+    mi = mitsuba_library()
     angle = np.deg2rad(environment.rotation)
     turn = np.eye(4)
     turn[0, 0] = turn[2, 2] = np.cos(angle)
@@ -170,8 +169,7 @@ def mitsuba_shape(shape: Shape, bsdf: Bsdf | None = None) -> Any:
         shape: a mesh without normals is shaded by its facets.
         bsdf: the material, as `conductor` gives it; Mitsuba's default (grey diffuse) where left out.
     """
-    import mitsuba as mi
-
+    mi = mitsuba_library()
     material = {} if bsdf is None else {"bsdf": bsdf}
     if isinstance(shape, Sphere):
         return mi.load_dict({"type": "sphere", **material})
@@ -224,6 +222,5 @@ def _mesh(mi: Any, mesh: Mesh, properties: Any) -> Any:
 
 
 def _transform(matrix: np.ndarray) -> Any:
-    import mitsuba as mi
-
+    mi = mitsuba_library()
     return mi.ScalarTransform4f(matrix)

@@ -1,8 +1,7 @@
-"""Cameras that other programs wrote: COLMAP by pycolmap, Mitsuba by its own rays, nerfstudio by COLMAP's numbers."""
+"""Cameras that other programs wrote: COLMAP by pycolmap, nerfstudio by COLMAP's numbers."""
 
 import json
 
-import mitsuba as mi
 import numpy as np
 import pytest
 import torch
@@ -170,98 +169,3 @@ def test_nerfstudio_s_intrinsics_are_colmap_s(model, project):
     (project.parents[1] / "transforms.json").write_text(json.dumps({**lens, "frames": [frame]}))
     found = scene(project.parents[1], 'cameras = "transforms.json"\n' + HEAD)
     assert_sees_as_colmap(model, NAMES[4], camera_of(found.photographs[0].camera, WIDTH, HEIGHT))
-
-
-SENSORS = """<scene version="3.0.0">
-  <default name="width" value="60"/>
-  <integrator type="path"/>
-  <sensor type="perspective">
-    <float name="fov" value="50"/>
-    <string name="fov_axis" value="smaller"/>
-    <transform name="to_world"><lookat origin="1, 2, 4" target="0.2, -0.3, 0.1" up="0.1, 1, -0.2"/></transform>
-    <film type="hdrfilm"><integer name="width" value="$width"/><integer name="height" value="40"/></film>
-  </sensor>
-  <sensor type="perspective">
-    <float name="fov" value="50"/>
-    <float name="principal_point_offset_x" value="0.1"/>
-    <float name="principal_point_offset_y" value="-0.2"/>
-    <transform name="to_world">
-      <rotate y="1" angle="30"/><translate x="1" y="0.5" z="-3"/>
-    </transform>
-    <film type="hdrfilm"><integer name="width" value="40"/><integer name="height" value="60"/></film>
-  </sensor>
-  <sensor type="orthographic">
-    <transform name="to_world">
-      <scale x="1.3" y="1.3"/><lookat origin="1, 2, 4" target="0.2, -0.3, 0.1" up="0.1, 1, -0.2"/>
-    </transform>
-    <film type="hdrfilm"><integer name="width" value="50"/><integer name="height" value="30"/></film>
-  </sensor>
-  AWAY
-</scene>"""
-AWAY = '<shape type="obj"><string name="filename" value="nowhere.obj"/></shape>'
-SENSORS = SENSORS.replace("AWAY", AWAY)
-FILMS = [(60, 40), (40, 60), (50, 30)]
-
-
-@pytest.fixture
-def xml(tmp_path):
-    """A scene of three photographs by the sensors of an XML file, which may be changed."""
-    for i, size in enumerate(FILMS):
-        Image.new("RGB", size).save(tmp_path / f"{i}.png")
-    (tmp_path / "sky.exr").write_bytes(b"")
-    listed = "".join(f'[[photographs]]\nimage = "{i}.png"\n' for i in range(len(FILMS)))
-
-    def write(text: str, photographs: str = listed) -> Scene:
-        (tmp_path / "scene.xml").write_text(text)
-        return scene(tmp_path, 'cameras = "scene.xml"\n' + HEAD + photographs)
-
-    return write
-
-
-def test_mitsuba_sensors_see_along_mitsuba_s_rays(xml):
-    found = xml(SENSORS)
-    mi.set_variant("scalar_rgb")
-    whole = mi.load_string(
-        SENSORS.replace('<shape type="obj"><string name="filename" value="nowhere.obj"/></shape>', "")
-    )
-    for sensor, size, photograph in zip(whole.sensors(), FILMS, found.photographs, strict=True):
-        camera = camera_of(photograph.camera, *size)
-        positions = np.random.default_rng(5).random((30, 2))
-        start, direction = camera.rays(*torch.from_numpy(positions * size).T)
-        for index, position in enumerate(positions):
-            ray, _ = sensor.sample_ray(0.0, 0.5, mi.Point2f(*position.tolist()), mi.Point2f(0.5))
-            along = np.array(ray.d)
-            # Mitsuba works in float32, and its projection matrix divides by near and far plane: 1e-5 is left
-            np.testing.assert_allclose(direction[index], along, atol=1e-5)
-            offset = start[index].numpy() - np.array(ray.o)
-            np.testing.assert_allclose(np.cross(offset, along), 0, atol=1e-4)
-
-
-@pytest.mark.parametrize(
-    ("old", "new", "sentence"),
-    [
-        (
-            'type="orthographic"',
-            'type="radiancemeter"',
-            r"sensor\[2\]: is radiancemeter, expected one of ortho",
-        ),
-        ("<sensor", "<!--", r"scene\.xml: expected a readable XML file \("),
-        ('value="$width"', 'value="$size"', r"sensor\[0\]: expected a sensor that Mitsuba reads \("),
-        (
-            'value="40"/></film>',
-            'value="40"/><integer name="crop_width" value="9"/></film>',
-            "film: is cropped, expect",
-        ),
-        ("sensor", "shape", r"scene\.xml: expected at least one sensor, not in an include"),
-    ],
-)
-def test_slips_in_mitsuba_s_files(xml, old, new, sentence):
-    with pytest.raises(InputError, match=sentence):
-        xml(SENSORS.replace(old, new))
-
-
-def test_mitsuba_s_files_name_no_images(xml):
-    with pytest.raises(InputError, match=r"scene\.xml: expected \[\[photographs\]\] in the scene, one for each sensor"):
-        xml(SENSORS, "")
-    with pytest.raises(InputError, match=r"photographs: is a list of 1, expected as many as scene\.xml has cameras, 3"):
-        xml(SENSORS, '[[photographs]]\nimage = "0.png"\n')

@@ -15,7 +15,7 @@ import typer
 from fitter.command_options import Quiet, output_folder
 from fitter.fit_command import DONE, NO_MATERIAL, chosen
 from fitter.passed_options import options_said, with_parameters_of
-from fitter.printing import say
+from fitter.printing import complain, say
 from fitter.progress import Progress, progress_bar
 from renderer.errors import InputError
 
@@ -73,7 +73,7 @@ def batch(
             told = _run(found, functools.partial(_crew, scheduler, workers, cores), progress)
     _print(found)
     if told:
-        print(f"fit-material: {told}", file=sys.stderr, flush=True)
+        complain(told)
     raise typer.Exit(DONE if found.summary.all_usable else NO_MATERIAL)
 
 
@@ -109,7 +109,7 @@ def _run(batch: Batch, crew: Callable[[int], Crew], progress: Progress) -> str:
         batch.tell()
         return f"{error}; {_done(batch)}"
     except KeyboardInterrupt:
-        print(f"fit-material: {_done(batch)}", file=sys.stderr, flush=True)
+        complain(_done(batch))
         batch.tell()
         raise
     batch.tell()

@@ -15,6 +15,7 @@ from renderer.atomic import write_bytes_atomically
 from renderer.errors import InputError
 from renderer.images import png, write_exr
 from renderer.model import Model
+from renderer.printable import printable
 from renderer.surroundings import Surroundings
 from renderer.viewer.bookmarks import Bookmarks, bookmarks_file
 from renderer.viewer.compare import Photograph, Photographs
@@ -258,4 +259,4 @@ class Session:
         """A message in the title; aloud: in the terminal too."""
         self.title = message or self.title
         if aloud:
-            print(message, file=sys.stderr, flush=True)
+            print(printable(message), file=sys.stderr, flush=True)
