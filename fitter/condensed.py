@@ -15,13 +15,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import torch
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 from torch import Tensor
 
 from fitter.derivative import jacobian
+from fitter.halves import Halves
 from fitter.pixel_model import MixedPixels
 from fitter.residuals import Residuals
-from fitter.solve import PRECISE, Solution, Solver
+from fitter.solve import PRECISE, Residual, Solution, Solver, jacobian_of
 from renderer.threads import map_in_threads
 
 CHUNK = 1024  # pixels at a time, which bounds the memory for their equations
@@ -36,6 +37,46 @@ def solved(residuals: Residuals, starts: Sequence[Float[Tensor, " x"]], solver: 
     Of the minima that the starts lead to, the deepest counts. Outliers are weighed by where the last solution left
     them, at first by the first start, and anew until that moves nothing; which bounds pull is decided with them.
     """
+    solution = _solved(residuals, starts, solver)
+    return solution if solution.status == "converged" else _solved_but_for_noise(residuals, solution, solver)
+
+
+def _solved_but_for_noise(residuals: Residuals, stopped: Solution, solver: Solver) -> Solution:
+    """The least squares of what the pictures show, where a number that moves nothing but noise kept a solver busy.
+
+    Such a number is held where the solver stopped: along it there is always some noise left to fit.
+    """
+    x = stopped.x
+    seen = Halves.at(x, residuals, residuals.robust_whitening(x)).resolved
+    if seen.all() or not seen.any():
+        return stopped
+    whole = condensed(residuals, x) if residuals.mixes(x) else residuals
+    found = solver(_Held(whole, x, seen), x[seen])
+    steps, seconds = stopped.steps + found.steps, stopped.seconds + found.seconds
+    return replace(found, x=torch.where(seen, _scattered(found.x, seen), x), steps=steps, seconds=seconds)
+
+
+@dataclass(frozen=True)
+class _Held:
+    """Residuals of some of the free numbers, the others held."""
+
+    residual: Residual
+    x: Float[Tensor, " x"]
+    free: Bool[Tensor, " x"]
+
+    def __call__(self, y: Float[Tensor, " y"]) -> Float[Tensor, " r"]:
+        return self.residual(torch.where(self.free, _scattered(y, self.free), self.x))
+
+    def jacobian(self, y: Float[Tensor, " y"]) -> Float[Tensor, "r y"]:
+        return jacobian_of(self.residual)(torch.where(self.free, _scattered(y, self.free), self.x))[:, self.free]
+
+
+def _scattered(y: Float[Tensor, " y"], where: Bool[Tensor, " x"]) -> Float[Tensor, " x"]:
+    """The numbers in their places among more."""
+    return y[(where.cumsum(0) - 1).clamp_min(0)]
+
+
+def _solved(residuals: Residuals, starts: Sequence[Float[Tensor, " x"]], solver: Solver) -> Solution:
     first, *others = starts
     if not residuals.mixes(first):
         return solver(residuals, first)

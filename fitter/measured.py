@@ -97,11 +97,11 @@ def measured(fit: Fit, spread: Spread, key: str) -> list[Measured]:
         for value, error, low, high in rows
     ]
     if key == "roughness":
-        found = [_beyond_span(each, coordinates.roughness) for each in found]
+        found = [beyond_span(each, coordinates.roughness) for each in found]
     return [each.within(*domain) for each, domain in zip(found, _domains(fit, key), strict=True)]
 
 
-def _beyond_span(number: Measured, span: Interval | None) -> Measured:
+def beyond_span(number: Measured, span: Interval | None) -> Measured:
     """A roughness whose interval fills the light table's span, where it had to end, has a symmetric one instead."""
     assert span is not None
     if number.stderr is None or number.within(span.low, span.high).stderr is not None:
@@ -140,6 +140,6 @@ def unseen(fit: Fit, key: str) -> list[Measured]:
 def of_viewer(rho: ViewerRoughness) -> Measured:
     """The viewer's roughness."""
     if not math.isfinite(rho.stderr):
-        return Measured(rho.rho)
+        return Measured(rho.rho).within(*BLUR_RANGE)
     half = TWO_SIDED_95 * rho.stderr
     return Measured(rho.rho, rho.stderr, (rho.rho - half, rho.rho + half)).within(*BLUR_RANGE)

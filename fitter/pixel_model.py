@@ -47,6 +47,10 @@ class PixelModel(ABC):
         """The same pixels with one half of the table's samples."""
         return self if self.table is None else self.under(self.table.half(which))
 
+    def rounded(self) -> PixelModel:
+        """The same pixels with the table as another processor might have rounded it."""
+        return self if self.table is None else self.under(self.table.rounded())
+
     def without_highest_level(self) -> PixelModel | None:
         """The same pixels with less light than they lose to interpolation between levels; None where there is none."""
         if self.table is None or self.table.light.shape[1] == 1:

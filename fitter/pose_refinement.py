@@ -12,6 +12,7 @@ from torch import Tensor
 
 from fitter.fidelity import PRESETS, Fidelity
 from fitter.fit_options import FitOptions
+from fitter.halves import believed
 from fitter.loading import Loaded
 from fitter.parts import kinds_of
 from fitter.pose_outline import MOST_APART, Border, border_of
@@ -20,7 +21,6 @@ from fitter.progress import Progress
 from fitter.result import RefinedCamera
 from fitter.search import Fit
 from fitter.setting import Setting
-from fitter.uncertainty import believed
 from renderer.errors import InputError
 from renderer.gbuffer import Tracer
 from renderer.occlusion import occluder

@@ -50,6 +50,11 @@ class Residuals:
         first, second = (replace(self, model=self.model.half(which)) for which in (0, 1))
         return first, second
 
+    @cached_property
+    def rounded(self) -> Residuals:
+        """The same by the light table as another processor might have rounded it."""
+        return replace(self, model=self.model.rounded())
+
     def picture(self, x: Float[Tensor, " x"]) -> Float[Tensor, "p 3"]:
         """The model's, as the photographs would show it."""
         radiance = self.model_at(x).radiance(self.coordinates.material(x))

@@ -13,6 +13,7 @@ from torch import Tensor
 from fitter.catalogue import read_catalogue
 from fitter.condensed import Condensed, condensed, solved
 from fitter.fidelity import Fidelity
+from fitter.halves import Halves
 from fitter.noise import even_whitening, local_whitening, relative_weight, scatter
 from fitter.nuisances import SCANNED, STEPS, Gains, Turn
 from fitter.parameters import Coordinates, GlossyCoordinates, Interval, MatteCoordinates, MetalCoordinates, tint_of
@@ -136,7 +137,10 @@ def _guessed(problem: Problem, kind: MaterialType, model: PixelModel) -> Gains |
 
 
 def refined(problem: Problem, rough: Fit) -> Fit:
-    """The draft made precise: finer tables around its roughness, the last of them laid anew where it leaves them."""
+    """The draft made precise: finer tables around its roughness, the last of them laid anew where it leaves them.
+
+    A roughness that left the last of them, too, was not found: the fit is stopped.
+    """
     return _last(_refinements(problem, rough))
 
 
@@ -166,12 +170,15 @@ def _finest(problem: Problem, fit: Fit) -> Iterator[Fit]:
             problem = _facing(problem, fit)
         return
     fidelity = problem.fidelity
-    for _ in range(1 + MORE_ROUNDS):
+    for left in range(MORE_ROUNDS, -1, -1):
         span = _span_around(_roughness(fit), fidelity.spans[-1], problem.whole)
         table = problem.table(span, fidelity.levels, fidelity.samples, "integrating")
         fit = _next_round(problem, fit, table, everywhere=True)
+        at_an_end = _at_an_end(_roughness(fit), span, problem.whole)
+        if at_an_end and not left and _is_roughness_resolved(fit):
+            fit = replace(fit, solution=replace(fit.solution, status="stopped"))
         yield fit
-        if not _at_an_end(_roughness(fit), span, problem.whole) and not _turned_away(fit):
+        if not at_an_end and not _turned_away(fit):
             break
         problem = _facing(problem, fit)
 
@@ -252,6 +259,13 @@ def _span_around(roughness: float, factor: float, whole: tuple[float, float]) ->
     low, high = whole
     centre = min(max(roughness, low * factor), high / factor)
     return centre / factor, centre * factor
+
+
+def _is_roughness_resolved(fit: Fit) -> bool:
+    """Whether the picture changes with the roughness by more than its own error."""
+    residuals = fit.residuals
+    halves = Halves.at(fit.x, residuals, residuals.robust_whitening(fit.x))
+    return bool(halves.resolved[residuals.coordinates.size - 1])
 
 
 def _turned_away(fit: Fit) -> bool:

@@ -20,7 +20,7 @@ from fitter.choice import Choice, fit_type
 from fitter.derivative import jacobian
 from fitter.fidelity import Fidelity
 from fitter.lambertian import reported
-from fitter.measured import QUANTITIES, name_of
+from fitter.measured import QUANTITIES, Measured, beyond_span, name_of
 from fitter.result import MaterialType, Rung, Tolerance
 from fitter.search import Fit, Problem, anew
 from fitter.summary import rule
@@ -229,7 +229,11 @@ def outlook_of(fit: Fit, problem: Problem) -> Outlook:
         low, high = intervals95(quantity, fit.x, uncertainty)
         off = (jacobian(quantity, fit.x) @ moved).abs()
         for channel, (number, *ends) in enumerate(zip(value.tolist(), low.tolist(), high.tolist(), strict=True)):
-            if number > 0 and is_determined(rule(kind, key), number, (ends[0], ends[1])):
+            told = Measured(number, float(error[channel]), (ends[0], ends[1]))
+            if key == "roughness":
+                told = beyond_span(told, coordinates.roughness)
+            assert told.interval is not None
+            if number > 0 and is_determined(rule(kind, key), number, told.interval):
                 names.append(name_of(fit, key, channel if len(value) == 3 else None))
                 rows.append((float(error[channel]) / number, float(off[channel]) / number))
     found = torch.tensor(rows, dtype=torch.float64).reshape(-1, 2)

@@ -6,22 +6,20 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import torch
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 from torch import Tensor
 
 from fitter.derivative import Function, jacobian
+from fitter.halves import Halves, inverse_of
 
 if TYPE_CHECKING:
     from fitter.residuals import Residuals
 
 TWO_SIDED_95 = 1.959964  # Φ⁻¹(0.975)
 
-NOTHING = 1e-100  # the precision where nothing moves the residuals at all; its inverse can still be squared
-ROUNDING = 1e-14  # of the largest eigenvalue of an information matrix
 MOST_BIAS = 3.0  # standard errors that a step may take: of few pixels, halves know too little to be followed further
 UNBIASED_STEPS, UNBIASED_WITHIN = 32, 0.01  # at most so many, until one is that part of a standard error
 DAMPED = 0.1  # share of the information by which a step that led upwards is shortened first, and each time tenfold
-DROWNED = 0.1  # least share of what a table says that is not taken for its noise
 
 # A number counts as determined while the half width of its 95 % interval stays below this share of the value, or
 # below this absolute width: beyond it the interval no longer tells one metal from its neighbours.
@@ -55,9 +53,11 @@ class Spread:
 
     Attributes:
         covariance: float64 [x, x]; very large where a direction is not determined, never infinite.
+        resolved: which free numbers change the picture by more than its own error; None where all are taken to do so.
     """
 
     covariance: Float[Tensor, "x x"]
+    resolved: Bool[Tensor, " x"] | None = None
 
 
 def unbiased(residuals: Residuals, x: Float[Tensor, " x"]) -> Float[Tensor, " x"]:
@@ -77,15 +77,15 @@ def unbiased(residuals: Residuals, x: Float[Tensor, " x"]) -> Float[Tensor, " x"
     if residuals.model.table is None:
         return x
     whitening = residuals.robust_whitening(x)
-    here, damping = _Halves.at(x, residuals, whitening), 0.0
+    here, damping = Halves.at(x, residuals, whitening), 0.0
     for _ in range(UNBIASED_STEPS):
         information, slope = here.information, here.slope_of_crossed
-        whole_way = _inverse(information) @ slope
+        whole_way = inverse_of(information) @ slope
         if not (whole_way @ information @ whole_way).clamp_min(0).sqrt() > UNBIASED_WITHIN:
             return x - whole_way
-        way = _inverse(information + damping * torch.diag(information.diagonal())) @ slope
+        way = inverse_of(information + damping * torch.diag(information.diagonal())) @ slope
         way = way / ((way @ information @ way).clamp_min(0).sqrt() / MOST_BIAS).clamp_min(1)
-        there = _Halves.at(x - way, residuals, whitening)
+        there = Halves.at(x - way, residuals, whitening)
         if there.crossed < here.crossed:
             x, here, damping = x - way, there, damping / 10
         else:
@@ -104,21 +104,22 @@ def spread(residuals: Residuals, x: Float[Tensor, " x"]) -> Spread:
     integration's error is independent between pixels, too, and so is within their scatter. Where pixels are known to
     err together, i counts clusters of them, and g is their sum [Liang & Zeger 1986].
 
-    A direction in which nothing is known has a huge but finite variance.
+    A direction in which nothing is known, because the picture changes along it by no more than its own error, has a
+    huge but finite variance.
 
     Args:
         residuals: of the whole table.
         x: the solution.
     """
-    halves = _Halves.at(x, residuals, residuals.robust_whitening(x))
-    scores, information = halves.scores, halves.information
+    halves = Halves.at(x, residuals, residuals.robust_whitening(x))
+    scores = halves.scores
     if residuals.clusters is not None:
         sums = scores.new_zeros(int(residuals.clusters.max()) + 1, scores.shape[1])
         scores = sums.index_add(0, residuals.clusters, scores)
     freedom = len(scores) / max(1, len(scores) - len(x))
-    inverse = _inverse(information)
+    inverse = inverse_of(halves.information)
     scattered = scores.T @ scores * freedom + halves.of_prior.T @ halves.of_prior
-    return Spread(inverse @ scattered @ inverse + _unknown(information))
+    return Spread(inverse @ scattered @ inverse + halves.unknown, halves.resolved)
 
 
 def integration_share(residuals: Residuals, x: Float[Tensor, " x"]) -> float:
@@ -128,106 +129,11 @@ def integration_share(residuals: Residuals, x: Float[Tensor, " x"]) -> float:
     """
     if residuals.model.table is None:
         return 0.0
-    halves = _Halves.at(x, residuals, residuals.robust_whitening(x))
-    (first, second), inverse = halves.differences, _inverse(halves.information)
+    halves = Halves.at(x, residuals, residuals.robust_whitening(x))
+    (first, second), inverse = halves.differences, inverse_of(halves.information)
     scores = (torch.einsum("prx,pr->px", halves.slope, each) for each in ((first - second) / 2, (first + second) / 2))
     own, all_ = (float(((each @ inverse) * each).sum()) for each in scores)
     return min(1.0, own / all_) if all_ > 0 else 1.0
-
-
-@dataclass(frozen=True)
-class _Halves:
-    """Both halves of a light table at one free vector.
-
-    Attributes:
-        slopes: J_A, J_B, whitened.
-        differences: r_A, r_B, whitened.
-        prior: its residuals.
-        of_prior: … and their slope.
-    """
-
-    slopes: tuple[Float[Tensor, "p 3 x"], ...]
-    differences: tuple[Float[Tensor, "p 3"], ...]
-    prior: Float[Tensor, " q"]
-    of_prior: Float[Tensor, "q x"]
-
-    @staticmethod
-    def at(x: Float[Tensor, " x"], residuals: Residuals, whitening: Float[Tensor, "p 3 3"]) -> _Halves:
-        slopes = tuple(torch.matmul(whitening, half.slope(x)) for half in residuals.halves)
-        differences = (torch.einsum("prc,pc->pr", whitening, half.difference(x)) for half in residuals.halves)
-        return _Halves(slopes, tuple(differences), residuals.prior(x), jacobian(residuals.prior, x))
-
-    @property
-    def crossed(self) -> Float[Tensor, ""]:
-        """½ (r_A · r_B + |prior|²): half the sum of squares, but for the table's noise."""
-        first, second = self.differences
-        return ((first * second).sum() + self.prior.square().sum()) / 2
-
-    @property
-    def slope_of_crossed(self) -> Float[Tensor, " x"]:
-        """½ (J_Aᵀ r_B + J_Bᵀ r_A) + ∇ prior."""
-        return self.scores.sum(0) + self.of_prior.T @ self.prior
-
-    @property
-    def slope(self) -> Float[Tensor, "p 3 x"]:
-        """Of the whole table."""
-        return (self.slopes[0] + self.slopes[1]) / 2
-
-    @property
-    def scores(self) -> Float[Tensor, "p x"]:
-        """g: each pixel's part of the cost's slope, by slopes of one half and differences of the other."""
-        (first, second), (of_first, of_second) = self.slopes, self.differences
-        return (torch.einsum("prx,pr->px", first, of_second) + torch.einsum("prx,pr->px", second, of_first)) / 2
-
-    @property
-    def information(self) -> Float[Tensor, "x x"]:
-        """H.
-
-        Where the halves' noise drowns what is known, their product may lack it: no direction is taken to be known by
-        less than `DROWNED` of what the whole table says.
-        """
-        first, second, whole = (slope.flatten(0, 1) for slope in (*self.slopes, self.slope))
-        prior, crossed = self.of_prior.T @ self.of_prior, first.T @ second
-        return believed(whole.T @ whole + prior, (crossed + crossed.T) / 2 + prior)
-
-
-def believed(said: Float[Tensor, "x x"], crossed: Float[Tensor, "x x"]) -> Float[Tensor, "x x"]:
-    """The information in slopes that hold noise.
-
-    Args:
-        said: their products, in which the noise is information, too; symmetric.
-        crossed: products of slopes whose noise is independent, in which it is not; symmetric.
-
-    Returns:
-        `crossed`, but in no direction less than `DROWNED` of what is said.
-    """
-    scale = said.diagonal().clamp_min(NOTHING).sqrt()
-    known, directions, rounding = _directions(said / scale / scale[:, None])
-    root = directions * torch.where(known > 0, known, rounding).sqrt()
-    against = torch.linalg.solve(root, crossed / scale / scale[:, None])
-    against = torch.linalg.solve(root, against.T)
-    share, ways = torch.linalg.eigh((against + against.T) / 2)
-    root = scale[:, None] * root @ ways
-    return root * share.clamp(DROWNED, 1.0) @ root.T
-
-
-def _inverse(information: Float[Tensor, "x x"]) -> Float[Tensor, "x x"]:
-    """Its inverse; 0 in directions of which nothing is known."""
-    known, directions, _ = _directions(information)
-    return directions / torch.where(known > 0, known, torch.inf) @ directions.T
-
-
-def _unknown(information: Float[Tensor, "x x"]) -> Float[Tensor, "x x"]:
-    """The variance of what nothing is known of: that of the rounding, and no more."""
-    known, directions, rounding = _directions(information)
-    return directions * torch.where(known > 0, 0.0, 1 / rounding) @ directions.T
-
-
-def _directions(information: Float[Tensor, "x x"]) -> tuple[Float[Tensor, " x"], Float[Tensor, "x x"], Tensor]:
-    """Eigenvalues, those within rounding 0; eigenvectors; and what rounding is."""
-    values, vectors = torch.linalg.eigh(information)
-    rounding = (values.max() * ROUNDING).clamp_min(NOTHING)
-    return torch.where(values > rounding, values, 0.0), vectors, rounding
 
 
 def standard_errors(quantity: Function, x: Float[Tensor, " x"], spread: Spread) -> Float[Tensor, " q"]:

@@ -13,6 +13,7 @@ from fitter.parameters import Coordinates, MetalCoordinates
 from fitter.result import CHANNELS, FittedMaterial
 from fitter.search import Fit
 from fitter.selection import Observations
+from fitter.uncertainty import Spread
 
 PARAMETERS = ("f0", "n", "k", "color", "alpha")
 GRAZING = 60.0  # degrees: from there on metals of equal F0 differ
@@ -34,6 +35,7 @@ class Seen:
             blue.
         f0_only: whether the reflectance was one that n and k enter through F0 alone.
         guessed: what was fitted beside the material and is not determined, in words.
+        alike: whether the picture is the same for all roughnesses near the one found, but for its own error.
     """
 
     pixels: int
@@ -42,9 +44,10 @@ class Seen:
     noise: tuple[float, float, float]
     f0_only: bool
     guessed: tuple[str, ...] = ()
+    alike: bool = False
 
 
-def seen_by(fit: Fit, observed: Observations, guessed: tuple[str, ...] = ()) -> Seen:
+def seen_by(fit: Fit, observed: Observations, guessed: tuple[str, ...] = (), spread: Spread | None = None) -> Seen:
     """What the photographs offered to the fit, but for bounds."""
     observed, picture = observed.measured, fit.picture[fit.residuals.is_measured]
     cosine = observed.surface.n_dot_v.double().flatten(1).mean(1)
@@ -55,7 +58,14 @@ def seen_by(fit: Fit, observed: Observations, guessed: tuple[str, ...] = ()) -> 
     ratio = ((observed.radiance - picture) / level)[told]
     red, green, blue = ratio.abs().quantile(ONE_SIGMA, 0).tolist()
     f0_only = sees_f0_only(fit.residuals.coordinates)
-    return Seen(len(angle), int(beyond.sum()), float(angle.max()), (red, green, blue), f0_only, guessed)
+    alike = spread is not None and not is_roughness_resolved(fit, spread)
+    return Seen(len(angle), int(beyond.sum()), float(angle.max()), (red, green, blue), f0_only, guessed, alike)
+
+
+def is_roughness_resolved(fit: Fit, spread: Spread) -> bool:
+    """Whether the picture changes with the roughness by more than its own error."""
+    coordinates = fit.residuals.coordinates
+    return coordinates.roughness is None or spread.resolved is None or bool(spread.resolved[coordinates.size - 1])
 
 
 def sees_f0_only(coordinates: Coordinates) -> bool:
@@ -117,6 +127,8 @@ def _reason(key: str, channel: int | None, material: FittedMaterial, seen: Seen)
         return _reason_of_index(channel, material, seen)
     if key != "alpha" and seen.guessed:
         return f"{_listed(list(seen.guessed))} not known, the object may as well reflect more or less light"
+    if key == "alpha" and seen.alike:
+        return "in this light the picture changes with it by no more than its own error"
     if seen.pixels < FEW:
         return f"only {seen.pixels} pixels show it"
     return _noise(max(seen.noise) if channel is None else seen.noise[channel])

@@ -12,6 +12,7 @@ from scipy.optimize import minimize_scalar
 from torch import Tensor
 
 from fitter.fidelity import BLUR_RANGE
+from fitter.halves import RESOLVED
 from fitter.pixel_model import central
 from fitter.quality import tone_mapped, white_point
 from fitter.selection import Observations
@@ -24,6 +25,7 @@ PIXELS = 1000
 PARTS = 8
 WITHIN = 4.0  # factor around the first guess, both ways
 COARSE_STEPS = 33
+ROUNDING = 2.4e-7  # of a tone-mapped picture from a float32 map
 RHO_PER_ALPHA = 2 * math.sqrt(2)  # of a narrow Beckmann lobe; a first guess for other lobes [MODEL.md 6]
 
 
@@ -33,6 +35,17 @@ class ViewerRoughness:
 
     rho: float
     stderr: float
+
+
+def _is_seen(costs: Float[np.ndarray, "r p"]) -> bool:
+    """Whether pixels are explained better by some ρ than by others: by more than their scatter, and than rounding.
+
+    Args:
+        costs: squared differences by ρ and pixel.
+    """
+    total, pixels = costs.sum(1), costs.shape[1]
+    by_chance = total.min() / max(1, pixels - 1)
+    return bool(total.max() - total.min() > RESOLVED**2 * max(by_chance, ROUNDING**2 * pixels))
 
 
 def viewer_roughness(
@@ -67,6 +80,8 @@ def viewer_roughness(
     best = int(costs.sum(1).argmin())
     bounds = coarse[max(best - 1, 0)], coarse[min(best + 1, COARSE_STEPS - 1)]
     found = minimize_scalar(lambda rho: (residual(rho) ** 2).sum(), bounds=bounds, method="bounded").x  # type: ignore
+    if not _is_seen(costs):
+        return ViewerRoughness(float(found), math.inf)
     # The two models differ far more than their noise: how far ρ depends on the pixels asked is its honest error.
     of_parts = [coarse[costs[:, part::PARTS].sum(1).argmin()] for part in range(PARTS)]
     step = float(bounds[1] - bounds[0]) / 2

@@ -35,6 +35,7 @@ Progress = Callable[[float], None]
 
 _MOST_PIXELS = 10_000_000  # that have random numbers of their own
 _CHUNK = 1 << 16  # samples at a time; their some forty intermediate tensors then stay in the cache
+ROUNDED = 2.0  # units in the last place between the sums of two processors
 SHARED_SPAN = 1.6  # factor between the roughnesses that share directions: their weights differ by its square at most
 
 
@@ -56,6 +57,13 @@ class LightTable:
     def half(self, which: int) -> LightTable:
         """The table of one half of the samples: what another, cheaper integration would have found."""
         return LightTable(self.light[which : which + 1], self.low, self.high, self.scale)
+
+    def rounded(self) -> LightTable:
+        """The table as another processor might have rounded it: sums in another order, other instructions."""
+        generator = torch.Generator().manual_seed(0)
+        up = torch.rand(self.light.shape[:3], generator=generator) < 0.5
+        step = ROUNDED * torch.finfo(self.light.dtype).eps * (2 * up.to(self.light) - 1)
+        return replace(self, light=self.light * (1 + step[..., None, None]))
 
     def without_highest(self) -> LightTable:
         """The table with its light less the amplitude of the highest polynomial through the levels.

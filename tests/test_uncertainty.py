@@ -36,6 +36,10 @@ class Line:
     def model(self) -> Line:
         return self
 
+    @property
+    def rounded(self) -> Line:
+        return self
+
     def difference(self, x):
         return (self.design @ x)[:, None] - self.seen
 
