@@ -106,7 +106,7 @@ def main() -> NoReturn:
 
 
 def _watch_for_interrupts() -> threading.Event:
-    """An event that Ctrl-C and SIGTERM set: a library that is being imported may make an error of its own of them."""
+    """An event that Ctrl-C, SIGTERM, SIGHUP set: a library that is being imported may make its own error of them."""
     pressed = threading.Event()
 
     def note(signum: int, frame: FrameType | None) -> None:
@@ -121,6 +121,8 @@ def _watch_for_interrupts() -> threading.Event:
     with suppress(ValueError):  # outside the main thread nobody sends signals
         signal.signal(signal.SIGINT, note)
         signal.signal(signal.SIGTERM, note)
+        if signal.getsignal(signal.SIGHUP) != signal.SIG_IGN:  # of a terminal that was closed; `nohup` goes on
+            signal.signal(signal.SIGHUP, note)
     return pressed
 
 
@@ -184,13 +186,16 @@ def export(
     to: Annotated[
         str, typer.Option(help="Formats, separated by commas: thesis, mtl, gltf, materialx, mitsuba, blender.")
     ] = "thesis,mtl",
+    replace: Annotated[
+        bool, typer.Option("--replace", help="Overwrite files of other content that have these names; never inputs.")
+    ] = False,
 ) -> None:
     """Write the materials of a result in other programs' formats."""
     from fitter.export import export as write
     from fitter.result import read_result
 
     formats = [name.strip() for name in to.split(",")]
-    for path in write(read_result(result), formats, out, _stem(result), result):
+    for path in write(read_result(result), formats, out, _stem(result), result, replace=replace):
         say(path)
 
 

@@ -241,13 +241,19 @@ def with_written_maps(parts: Sequence[FittedPart], stem: str, folder: Path) -> l
     The PNG of colours has 8 bits in sRGB, which is what every reader of `map_Kd` takes it for; the other one's values
     are numbers of photographs.
     """
-    return [part if part.color_map is None else _written(part, len(parts), stem, folder) for part in parts]
+    materials = [part.material.name for part in parts]
+    return [part if part.color_map is None else _written(part, materials, stem, folder) for part in parts]
 
 
-def _written(part: FittedPart, parts: int, stem: str, folder: Path) -> FittedPart:
+def map_names(stem: str, materials: Sequence[str], index: int) -> Maps:
+    """The files of a material's maps, of which a scene has those materials."""
+    base = _file_name(stem if len(materials) == 1 else f"{stem}_{index}_{materials[index]}")
+    return Maps(color=f"{base}_color.png", color_seen=f"{base}_color_seen.png")
+
+
+def _written(part: FittedPart, materials: Sequence[str], stem: str, folder: Path) -> FittedPart:
     assert part.color_map is not None
-    base = _file_name(stem if parts == 1 else f"{stem}_{part.index}_{part.material.name}")
-    names = Maps(color=f"{base}_color.png", color_seen=f"{base}_color_seen.png")
+    names = map_names(stem, materials, part.index)
     write_bytes_atomically(folder / names.color, png(codes(part.color_map.color)))
     seen = np.minimum(part.color_map.photographs, 255).astype(np.uint8)
     write_bytes_atomically(folder / names.color_seen, png(seen))

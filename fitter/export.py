@@ -13,13 +13,17 @@ from fitter.materialx import materialx
 from fitter.mitsuba_xml import mitsuba_xml
 from fitter.mtl import ordinary_mtl, thesis_mtl
 from fitter.result import FittedMaterial, PerParameter, Result
+from fitter.written import written_by_fit
 from renderer.atomic import replaced_together, write_bytes_atomically, write_text_atomically
 from renderer.errors import InputError
 from renderer.mtl_text import FLOAT32_MAX
+from renderer.replaceable import Replaceable
 
 PNG = b"\x89PNG\r\n\x1a\n"  # what such files begin with
 
 Writer = Callable[[Sequence[FittedMaterial]], str]
+
+KNOWN = "one of the same content, or --replace"
 
 FORMATS: Mapping[str, tuple[str, Writer]] = MappingProxyType(
     {
@@ -35,33 +39,49 @@ FORMATS: Mapping[str, tuple[str, Writer]] = MappingProxyType(
 
 
 def export(
-    result: Result, formats: Sequence[str], directory: str | Path, stem: str, source: str | Path = "result.json"
+    result: Result,
+    formats: Sequence[str],
+    directory: str | Path,
+    stem: str,
+    source: str | Path = "result.json",
+    *,
+    replace: bool = False,
 ) -> tuple[Path, ...]:
     """Write the materials of `result` in each of `formats`: all files or, if one cannot be made, none.
+
+    A file of other content is replaced where `result.json` in `directory` lists it, or where `replace` allows it.
 
     Args:
         formats: keys of `FORMATS`, at least one.
         directory: where the files go; made if it is not there.
         stem: what the files are called before their ending: the scene's name.
-        source: where the result was read, for the error's sentence.
+        source: where the result was read: never overwritten, nor are textures beside it.
+        replace: overwrite whatever has the name of a file that is to be written.
 
     Returns:
         The files, in the order of `formats`.
 
     Raises:
-        InputError: an unknown format, a stem that is no file name, a folder that cannot be written, or a material
-            without a number that the format needs.
+        InputError: an unknown format, a stem that is no file name, a folder that cannot be written, a file in it that
+            may not be replaced, or a material without a number that the format needs.
     """
     known = [_known(name) for name in formats]
     if Path(stem).name != stem:
         raise InputError("export", value=repr(stem), expected="a name for files, without folders in it")
     _require_colors(result.materials, source)
-    with replaced_together(directory) as folder:
+    allowed = _replaceable(result, Path(directory), Path(source), replace)
+    with replaced_together(directory, replaceable=allowed) as folder:
         for ending, writer in known:
             write_text_atomically(folder / f"{stem}{ending}", _written(writer, result.materials, source))
         if {writer for _, writer in known} & {thesis_mtl, ordinary_mtl}:
             _copy_maps(result.materials, Path(source), folder)
     return tuple(Path(directory) / f"{stem}{ending}" for ending, _ in known)
+
+
+def _replaceable(result: Result, directory: Path, source: Path, replace: bool) -> Replaceable:
+    maps = [source.parent / material.maps.color for material in result.materials if material.maps is not None]
+    own = {} if replace else written_by_fit(directory)
+    return Replaceable((source, *maps), own, "" if replace else KNOWN)
 
 
 def _copy_maps(materials: Sequence[FittedMaterial], source: Path, folder: Path) -> None:

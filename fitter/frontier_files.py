@@ -10,11 +10,12 @@ from fitter.frontier import Frontier, frontier_of
 from fitter.frontier_errors import require_of_scene, truth_beside
 from fitter.frontier_rungs import Rung
 from fitter.frontier_runs import Experiment, all_runs
-from fitter.loading import input_files, material_names
+from fitter.loading import input_files, input_paths, material_names
 from fitter.progress import Progress
 from renderer.atomic import replaced_together, write_bytes_atomically, write_text_atomically
 from renderer.errors import InputError
-from renderer.scene import read_scene
+from renderer.replaceable import Replaceable, json_with
+from renderer.scene import Scene, read_scene
 
 TITLES = {False: "What accuracy costs in time", True: "What each choice costs and brings"}
 
@@ -47,6 +48,11 @@ class Question:
         return "choices" if self.choices else "frontier"
 
     @property
+    def names(self) -> tuple[str, ...]:
+        """The files themselves."""
+        return tuple(f"{self.stem}.{ending}" for ending in ("csv", "png", "html", "json"))
+
+    @property
     def options(self) -> tuple[str, ...]:
         """Of `fit`, for every run."""
         return "--type", self.type, "--device", self.device
@@ -61,19 +67,32 @@ def compare(question: Question, out: Path, command: str, progress: Progress) -> 
         progress: told the share of the runs that are done.
 
     Raises:
-        InputError: device, scene, truth or an option is wrong, or the folder cannot be written.
+        InputError: device, scene, truth or an option is wrong, the folder cannot be written, or a file in it is not
+            frontier's.
     """
     torch_device(question.device)  # before a folder is made
     truth, scene = truth_beside(question.scene), read_scene(question.scene)
     if truth is not None:
         require_of_scene(truth, material_names(scene, question.scene), question.scene)
     inputs = input_files(scene, question.scene)
+    allowed = _replaceable(question, out, scene)
+    allowed.require(out, question.names)
     experiment = Experiment(question.scene, inputs, question.options, _folder(out))
     runs = all_runs(experiment, question.rungs, question.repeats, progress)
     found = frontier_of(str(question.scene), question.rungs, runs, truth, question.by, question.choices)
     progress("drawing", 0)
-    _write(found, out, question, command)
+    _write(found, out, question, command, allowed)
     return found
+
+
+def _replaceable(question: Question, out: Path, scene: Scene) -> Replaceable:
+    """All that an earlier comparison wrote, which is known by its JSON; never what the scene is read from."""
+    inputs = (*input_paths(scene, question.scene), question.scene.with_name("truth.json"))
+    summary = f"{question.stem}.json"
+    ours = json_with(out / summary, "rows", "frontier", "knee") is not None
+    return Replaceable(
+        inputs, dict.fromkeys(question.names if ours else ()), f"one of frontier's, beside its {summary}"
+    )
 
 
 def _folder(out: Path) -> Path:
@@ -85,13 +104,13 @@ def _folder(out: Path) -> Path:
     return folder
 
 
-def _write(found: Frontier, out: Path, question: Question, command: str) -> None:
+def _write(found: Frontier, out: Path, question: Question, command: str, allowed: Replaceable) -> None:
     from fitter.frontier_page import render_frontier
     from fitter.frontier_plot import frontier_png
     from fitter.frontier_table import csv_text, json_text
 
     stem, title = question.stem, TITLES[question.choices]
-    with replaced_together(out, last=f"{stem}.json") as folder:
+    with replaced_together(out, last=f"{stem}.json", replaceable=allowed) as folder:
         write_text_atomically(folder / f"{stem}.csv", csv_text(found))
         write_bytes_atomically(folder / f"{stem}.png", frontier_png(found))
         write_text_atomically(folder / f"{stem}.html", render_frontier(found, title, command))

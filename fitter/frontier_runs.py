@@ -7,7 +7,6 @@ import json
 import os
 import subprocess
 import sys
-import tempfile
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -21,6 +20,7 @@ from fitter.result import FittedMaterial, InputFile, NonNegative, Record, Result
 from renderer.atomic import write_text_atomically
 from renderer.checked import check
 from renderer.errors import InputError
+from renderer.unfinished import unfinished_folder
 
 FORMAT = 1
 KIBIBYTE = 1 if sys.platform == "darwin" else 1024  # ru_maxrss counts bytes there, and kibibytes elsewhere
@@ -104,13 +104,13 @@ class Experiment:
         return hashlib.sha256(json.dumps(told).encode()).hexdigest()[:16]
 
     def _fresh(self, rung: Rung, seed: int) -> Run:
-        with tempfile.TemporaryDirectory(prefix=".unfinished-", dir=self.folder) as out:
+        with unfinished_folder(self.folder) as out:
             options = ("--seed", str(seed), *self.options, *rung.options)
-            command = [sys.executable, "-m", "fitter.cli", "fit", str(self.scene), "-o", out, "--quiet", *options]
-            ended = measured(command, Path(out) / "errors.txt")
+            command = [sys.executable, "-m", "fitter.cli", "fit", str(self.scene), "-o", str(out), "--quiet", *options]
+            ended = measured(command, out / "errors.txt")
             if ended.code == 2:
                 raise Refused(ended.last_words.removeprefix("fit-material: "))
-            found = Path(out) / "result.json"
+            found = out / "result.json"
             result = read_result(found) if ended.code in (0, 1) and found.exists() else None
         return _record(rung, seed, options, ended, result)
 

@@ -123,8 +123,13 @@ def _material_names(scene: Scene, shape: Shape, scene_file: Path) -> tuple[str, 
 
 def input_files(scene: Scene, scene_file: Path) -> tuple[InputFile, ...]:
     """The files that a scene names, itself and its photographs among them, with their hashes."""
+    return _hashed(input_paths(scene, scene_file))
+
+
+def input_paths(scene: Scene, scene_file: Path) -> list[Path]:
+    """The files that a scene names, itself and its photographs among them."""
     photographs = [path for photograph in scene.photographs for path in photograph.files]
-    return _hashed([*_beside_photographs(scene, scene_file), *photographs])
+    return [path for path in (*_beside_photographs(scene, scene_file), *photographs) if path is not None]
 
 
 def _beside_photographs(scene: Scene, scene_file: Path) -> list[Path | None]:

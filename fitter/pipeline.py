@@ -23,6 +23,7 @@ from fitter.loading import Loaded, load
 from fitter.mtl import ordinary_mtl, thesis_mtl
 from fitter.nuisances import require_known
 from fitter.outliers import OutlierMap, outlier_maps, outlier_sentences
+from fitter.outputs import SIZE, require_room_for_outputs
 from fitter.parts import FittedPart, painted
 from fitter.photographs import known_exposure
 from fitter.planned_fit import PlannedFit, fit_planned
@@ -37,6 +38,7 @@ from fitter.result import Effect, Model, Result, Time, write_result
 from fitter.setting import Setting
 from fitter.solve import compiling
 from fitter.summary import status_of
+from fitter.written import outputs_of
 from renderer.atomic import replaced_together, write_bytes_atomically, write_text_atomically
 from renderer.box_filter import box_filtered
 from renderer.errors import InputError
@@ -56,10 +58,12 @@ def fit_scene(
     progress: Progress = lambda stage, share: None,
     begun: float | None = None,
     warn: Callable[[str], None] = lambda sentence: None,
+    target: Path | None = None,
 ) -> Result:
     """Fit the materials of a scene and write `result.json`, two MTL files and `report.html` into a folder.
 
-    Files of an earlier result are replaced when all new ones are whole, and not before.
+    Files of an earlier result are replaced when all new ones are whole, and not before; files that the scene is read
+    from, or that no fit has written, never.
 
     Args:
         scene_file: `scene.toml`.
@@ -68,9 +72,10 @@ def fit_scene(
         progress: told the stage and its share done.
         begun: `time.perf_counter()` when the program began, so that its start-up counts as loading.
         warn: told what is wrong with the input, if that is looked for.
+        target: where whoever called moves the files afterwards; `out` where left out.
 
     Raises:
-        InputError: about the first thing in the input that is wrong.
+        InputError: about the first thing in the input that is wrong, or about a file that may not be replaced.
     """
     began = time.perf_counter() if begun is None else begun
     device = torch_device(options.device)
@@ -83,10 +88,12 @@ def fit_scene(
     for option, is_asked in (("--maps", options.maps), ("--refine-pose", options.refine_pose)):
         if is_asked:
             require_known(loaded.scene, scene_file, f"beside {option}: those that a fit without it has found")
+    final = out if target is None else target
+    allowed = require_room_for_outputs(loaded, scene_file, final, options)
     read = time.perf_counter()
     if options.solver == "lm":
         compiling().add_done_callback(_load_plotting)
-    with one_thread_per_operation(), replaced_together(out) as folder:
+    with one_thread_per_operation(), replaced_together(out, replaceable=allowed, size=SIZE) as folder:
         trace = loaded.tracer()
         warnings = _warnings(loaded, trace, scene_file, options, progress, warn)
         setting = setting_of(loaded, options, device)
@@ -117,7 +124,8 @@ def fit_scene(
         moved = None if refined is None else transforms_json(loaded)
         if moved is not None:
             write_text_atomically(folder / f"{loaded.name}.transforms.json", moved)
-        result = result.model_copy(update={"time": clock.now()})  # the page cannot know how long it took itself
+        files = outputs_of(folder, final)
+        result = result.model_copy(update={"time": clock.now(), **files})  # the page cannot know how long it took
         write_result(result, folder / "result.json")
     return result
 

@@ -17,6 +17,7 @@ from renderer.errors import InputError
 from renderer.exposures import expose
 from renderer.images import write_exr
 from renderer.mirror_ball import Circle, find_ball, unwrapped
+from renderer.replaceable import Replaceable
 from renderer.scene import PhotographSpec
 
 MOST_CLIPPED = 0.9  # of the ball, of which the rest is no map
@@ -60,10 +61,12 @@ def probe(
         height: rows of the map.
 
     Raises:
-        InputError: a photograph cannot be read, shows no ball or no light; an unknown metal; no place for the map.
+        InputError: a photograph cannot be read, shows no ball or no light; an unknown metal; no place for the map, or
+            that of a photograph.
     """
     if out.suffix.lower() != ".exr":
         raise InputError("-o", value=out, expected="a file that ends in .exr")
+    Replaceable(tuple(balls)).require(out.parent, [out.name])
     if len(balls) > 1 and exposure not in (None, "exif"):
         raise InputError("--exposure", value=exposure, expected="one photograph; of several, EXIF says it")
     several = {"images": [str(ball.absolute()) for ball in balls]}

@@ -10,13 +10,14 @@ import hashlib
 import json
 import re
 from pathlib import Path
-from typing import Annotated, Generic, Literal, TypeVar
+from typing import Annotated, Any, Generic, Literal, TypeVar
 
 from pydantic import AfterValidator, ConfigDict, Field, model_validator
 
 from renderer.atomic import write_text_atomically
 from renderer.checked import Checked, check, require_plain, unexpected
 from renderer.errors import InputError
+from renderer.unicode_text import unicode_text
 
 FORMAT = 1
 CHANNELS = ("red", "green", "blue")
@@ -41,6 +42,14 @@ class Record(Checked):
     """A part of the result: cannot be changed, knows its keys, holds finite numbers only."""
 
     model_config = ConfigDict(strict=False)  # JSON and numpy have lists where we have tuples
+
+    @model_validator(mode="before")
+    @classmethod
+    def _in_unicode(cls, data: Any) -> Any:
+        """Names of files may hold what JSON in UTF-8 cannot."""
+        if not isinstance(data, dict):
+            return data
+        return {key: unicode_text(value) if isinstance(value, str) else value for key, value in data.items()}
 
 
 class PerParameter(Record, Generic[T]):
@@ -321,6 +330,13 @@ class InputFile(Record):
     sha256: Annotated[str, Field(pattern="^[0-9a-f]{64}$")]
 
 
+class OutputFile(Record):
+    """A file that was written, relative to the folder of `result.json`, and the SHA-256 that it then had."""
+
+    path: str
+    sha256: Annotated[str, Field(pattern="^[0-9a-f]{64}$")]
+
+
 class Result(Record):
     """All that a fit found, and what it was found from; the content of `result.json`.
 
@@ -330,6 +346,9 @@ class Result(Record):
         tolerance: of each material; None, and not in the file, where none was asked for.
         nuisances: what was fitted beside the material; None, and not in the file, where nothing was asked for.
         cameras: of each photograph, as they were moved; None, and not in the file, where that was not asked for.
+        outputs: the files written beside `result.json`; None in results that older versions wrote.
+        earlier_outputs: those of earlier fits into the same folder that are still as they were; None, and not in the
+            file, where there are none.
     """
 
     format: Literal[1] = FORMAT
@@ -345,6 +364,8 @@ class Result(Record):
     tolerance: tuple[Tolerance, ...] | None = None
     nuisances: tuple[Nuisance, ...] | None = None
     cameras: tuple[RefinedCamera, ...] | None = None
+    outputs: tuple[OutputFile, ...] | None = None
+    earlier_outputs: tuple[OutputFile, ...] | None = None
 
 
 def write_result(result: Result, path: str | Path) -> None:
@@ -353,7 +374,8 @@ def write_result(result: Result, path: str | Path) -> None:
     Raises:
         InputError: the file cannot be written.
     """
-    absent = {key for key in ("tolerance", "nuisances", "cameras") if getattr(result, key) is None}
+    optional = ("tolerance", "nuisances", "cameras", "outputs", "earlier_outputs")
+    absent = {key for key in optional if getattr(result, key) is None}
     data = result.model_dump(mode="json", exclude=absent)
     for material in data["materials"]:
         if material["maps"] is None:

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 import torch
 
+from fitter.loading import input_paths
 from renderer.atomic import write_bytes_atomically
 from renderer.camera import Camera, look_at
 from renderer.environment import read_environment
@@ -21,9 +22,10 @@ from renderer.errors import InputError
 from renderer.images import png, write_exr
 from renderer.model import Model, read_model
 from renderer.printable import printable
+from renderer.replaceable import Replaceable
 from renderer.scene import LARGEST, LightSpec, light_option, read_scene
 from renderer.surroundings import Surroundings, surroundings
-from renderer.synth import named_environment
+from renderer.synth import MADE_HERE, named_environment
 from renderer.truth import require
 from renderer.viewer.compare import Photographs
 from renderer.viewer.display import Codes, Display, draw_whole
@@ -113,6 +115,9 @@ def show(options: ViewOptions) -> Iterator[Path]:
         _open_window(options, light, photographs)
         return
     model = _read(options)
+    if options.screenshot is not None:
+        shot = options.screenshot
+        _replaceable(options, model).require(shot.parent, [shot.name], "--screenshot")
     for remark in model.remarks:
         print(printable(remark), file=sys.stderr)
     yield from _written(options, model, light, photographs)
@@ -190,7 +195,7 @@ def _written(
     look = first_look(options, model, comparison=photographs is not None)
     context = offscreen_context()
     stage = Stage(context, model, light, neighbours=options.neighbours, exact=True)
-    drawing = _Drawing(options, context, stage, Display(context, options.antialias), photographs)
+    drawing = _Drawing(options, model, context, stage, Display(context, options.antialias), photographs)
     if options.screenshot is not None:
         drawing.write_screenshot(options.screenshot, look)
         yield options.screenshot
@@ -204,6 +209,7 @@ class _Drawing:
     """A stage that is drawn into files."""
 
     options: ViewOptions
+    model: Model
     context: moderngl.Context
     stage: Stage
     display: Display
@@ -223,7 +229,11 @@ class _Drawing:
 
         alone = dataclasses.replace(look, comparison="off")
         frames = turntable(
-            folder, look.eye, self.options.frames, lambda eye: self._codes(dataclasses.replace(alone, eye=eye))
+            folder,
+            look.eye,
+            self.options.frames,
+            lambda eye: self._codes(dataclasses.replace(alone, eye=eye)),
+            _replaceable(self.options, self.model),
         )
         for _ in frames:
             pass
@@ -247,6 +257,14 @@ def _surroundings(options: ViewOptions) -> Surroundings:
     rotation, scale = spec.start
     environment = read_environment(spec.map, rotation + options.rotation, scale)
     return surroundings(environment, lights or scene.lights, options.ambient)
+
+
+def _replaceable(options: ViewOptions, model: Model) -> Replaceable:
+    """All but what is read."""
+    light = [] if options.env is None or options.env in MADE_HERE else [Path(options.env)]
+    faces = [face for path in light if path.is_dir() for face in path.iterdir()]
+    scene = [] if options.photograph is None else input_paths(read_scene(options.photograph), options.photograph)
+    return Replaceable((*model.files, *light, *faces, *scene))
 
 
 def _ending(path: Path | None) -> str:

@@ -2,20 +2,30 @@
 
 from __future__ import annotations
 
+import errno
+import filecmp
 import os
 import shutil
 import tempfile
 import uuid
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from renderer.errors import InputError
+from renderer.replaceable import ANYTHING, Replaceable
+from renderer.unfinished import prefix_here, sweep
+
+FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)  # nothing is wrong with what was to be written
+LONGEST_NAME = 255  # bytes, where a disk does not say
 
 
 def write_text_atomically(path: str | Path, text: str) -> None:
-    """Write `text` as UTF-8 without byte-order mark; see `write_bytes_atomically`."""
-    write_bytes_atomically(path, text.encode("utf-8"))
+    """Write `text` as UTF-8 without byte-order mark; see `write_bytes_atomically`.
+
+    What UTF-8 has no bytes for, as names of files may have, is written as `\\udcHH`, which JSON reads back.
+    """
+    write_bytes_atomically(path, text.encode("utf-8", "backslashreplace"))
 
 
 def write_bytes_atomically(path: str | Path, data: bytes) -> None:
@@ -26,7 +36,7 @@ def write_bytes_atomically(path: str | Path, data: bytes) -> None:
     """
     path = Path(path)
     # not tempfile: its files are readable by their owner alone, and stay so when renamed
-    temporary = path.with_name(f".{path.name}.{uuid.uuid4().hex}")
+    temporary = path.with_name(f"{prefix_here()}{uuid.uuid4().hex[:8]}")
     try:
         temporary.write_bytes(data)
         os.replace(temporary, path)
@@ -38,29 +48,41 @@ def write_bytes_atomically(path: str | Path, data: bytes) -> None:
 
 
 @contextmanager
-def replaced_together(directory: str | Path, *, last: str = "result.json", option: str = "-o") -> Iterator[Path]:
+def replaced_together(
+    directory: str | Path,
+    *,
+    last: str = "result.json",
+    option: str = "-o",
+    replaceable: Replaceable = ANYTHING,
+    size: int = 0,
+) -> Iterator[Path]:
     """Lend a temporary folder whose files replace those of `directory` when the block ends well.
 
     If the block raises anything, KeyboardInterrupt included, `directory` keeps every file it had; one that was made for
-    it goes again.
+    it goes again. What dead processes have left unfinished there is swept.
 
     Args:
         directory: the folder to fill, made if it is not there. Files with other names are left alone.
         last: the file moved after all others, so that whoever sees the new one sees all of them.
         option: the command-line option that named the folder, for the error's sentence.
+        replaceable: which files of `directory` may be replaced by others; looked at before the first is moved.
+        size: bytes that the block will write, or about so many: told at once where the disk has no room for them.
 
     Yields:
         An empty folder inside `directory`; files in its subfolders keep their relative path.
 
     Raises:
-        InputError: `directory` is not a folder that can be written, or a folder stands where a file goes.
+        InputError: `directory` is not a folder that can be written, its disk is full, or a folder or a file that may
+            not be replaced stands where a file goes.
     """
     directory = Path(directory)
     new = not directory.exists()
     temporary = _folder_inside(directory, option)
     try:
-        yield temporary
-        _move_files(temporary, directory, last, option)
+        _require_room(directory, size, option)
+        with _full_disk_told(temporary, directory, option):
+            yield temporary
+        _move_files(temporary, directory, last, option, replaceable)
     finally:
         shutil.rmtree(temporary, ignore_errors=True)
         if new:
@@ -68,27 +90,88 @@ def replaced_together(directory: str | Path, *, last: str = "result.json", optio
                 directory.rmdir()
 
 
+def require_names(directory: Path, names: Iterable[str], what: str) -> None:
+    """Refuse names that are too long for the disk, before the work that is to be kept under them.
+
+    Args:
+        directory: where they go, if it is there already.
+        names: of files.
+        what: they are called after, for the error's sentence: its option or file.
+
+    Raises:
+        InputError: about the first of them.
+    """
+    longest = _longest_name(directory)
+    for name in names:
+        if (length := len(os.fsencode(name))) > longest:
+            expected = f"a shorter name: the disk takes {longest} bytes, and {name[:40]}… has {length}"
+            raise InputError(what, expected=expected)
+
+
+def _longest_name(directory: Path) -> int:
+    try:
+        return os.pathconf(directory, "PC_NAME_MAX")
+    except (OSError, ValueError, AttributeError):
+        return LONGEST_NAME
+
+
 def _folder_inside(directory: Path, option: str) -> Path:
     """A new, hidden folder in `directory`, which is made if need be: then renaming never crosses disks."""
     try:
         directory.mkdir(parents=True, exist_ok=True)
-        return Path(tempfile.mkdtemp(prefix=".unfinished-", dir=directory))
+        sweep(directory)
+        return Path(tempfile.mkdtemp(prefix=prefix_here(), dir=directory))
     except OSError as error:
         raise _not_writable(directory, option, error) from error
 
 
-def _move_files(source: Path, directory: Path, last: str, option: str) -> None:
+def _require_room(directory: Path, size: int, option: str) -> None:
+    free = shutil.disk_usage(directory).free
+    if size > free:
+        expected = f"a disk with {_megabytes(size)} free for what is to be written, but it has {_megabytes(free)}"
+        raise InputError(option, value=directory, expected=expected)
+
+
+def _megabytes(size: int) -> str:
+    return f"{size / 1e6:.3g} MB"
+
+
+@contextmanager
+def _full_disk_told(temporary: Path, directory: Path, option: str) -> Iterator[None]:
+    """A sentence about the folder that was named, and not about a temporary one, where the disk takes no more."""
+    try:
+        yield
+    except (OSError, InputError) as error:
+        cause = error if isinstance(error, OSError) else error.__cause__
+        if not isinstance(cause, OSError) or cause.errno not in FULL:
+            raise
+        if isinstance(error, InputError) and temporary not in Path(error.file).parents:
+            raise
+        raise _not_writable(directory, option, cause) from cause
+
+
+def _move_files(source: Path, directory: Path, last: str, option: str, replaceable: Replaceable) -> None:
     names = [path.relative_to(source) for path in source.rglob("*") if path.is_file()]
     names.sort(key=lambda name: (name.as_posix() == last, name))
     for name in names:  # all looked at before the first is moved
         if (directory / name).is_dir():
             raise InputError(option, value=directory / name, expected="a place for a file, not a folder")
+    names = [name for name in names if not _same_bytes(source / name, directory / name)]
+    replaceable.require(directory, names, option)
     try:
         for name in names:
             (directory / name).parent.mkdir(parents=True, exist_ok=True)
             os.replace(source / name, directory / name)
     except OSError as error:
         raise _not_writable(directory, option, error) from error
+
+
+def _same_bytes(new: Path, old: Path) -> bool:
+    """Whether there is nothing to do: a file of these bytes may even be an input."""
+    try:
+        return old.is_file() and filecmp.cmp(new, old, shallow=False)
+    except OSError:
+        return False
 
 
 def _not_writable(directory: Path, option: str, error: OSError) -> InputError:

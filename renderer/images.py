@@ -113,8 +113,10 @@ def write_exr(path: str | Path, pixels: Float[np.ndarray, "h w c"]) -> None:
     path = Path(path)
     channels = {"RGBA"[: pixels.shape[2]]: np.ascontiguousarray(pixels, np.float32)}
     header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
+    file = BytesIO()  # its own way to files hides why one cannot be written, and takes no name but in UTF-8
+    OpenEXR.File(header, channels).write(file)
     with replaced_together(path.parent, option=str(path)) as folder:
-        OpenEXR.File(header, channels).write(str(folder / path.name))
+        (folder / path.name).write_bytes(file.getvalue())
 
 
 def png(codes: UInt8[np.ndarray, "h w c"]) -> bytes:

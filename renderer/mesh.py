@@ -18,6 +18,7 @@ from renderer.checked import PLAIN, shortened
 from renderer.errors import InputError
 from renderer.obj import MATERIAL_FILE, plain_obj
 from renderer.printable import has_controls
+from renderer.unicode_text import unicode_text
 
 UNNAMED = "default"
 FARTHEST = 1e75  # of coordinates: squares of areas stay finite
@@ -170,8 +171,8 @@ def _part(geometry: Any, transform: Float[np.ndarray, "4 4"], node: str) -> _Par
         faces=faces[:, ::-1] if mirrored else faces,
         normals=None if normals is None else _unit_normals(normals @ np.linalg.inv(linear)),
         uv=_finite_uv(uv, len(vertices)),
-        name=getattr(material, "name", None) or UNNAMED,
-        object=node,
+        name=unicode_text(str(getattr(material, "name", None) or UNNAMED)),  # JSON may hold what no file of ours can
+        object=unicode_text(str(node)),
     )
 
 

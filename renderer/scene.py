@@ -38,6 +38,7 @@ from renderer.errors import InputError
 from renderer.images import ENCODING, ENCODING_HELP
 from renderer.lens_spec import LensSpec
 from renderer.mesh import Shape, Sphere, read_mesh
+from renderer.unicode_text import is_unicode
 from renderer.unknown import (
     FITTED,
     LARGEST,
@@ -255,6 +256,8 @@ def read_scene(path: str | Path) -> Scene:
         InputError: about the first thing that is wrong: file, field, value and what was expected.
     """
     path = Path(path)
+    if not is_unicode(str(path)):  # as our results are, and all that readers of pictures take
+        raise InputError(path, expected="a path in UTF-8; rename its folder, or name the scene from within it")
     data = load_toml(path)
     cameras = data.get("cameras")
     found = existing_path(cameras, path.parent)

@@ -21,9 +21,20 @@ from renderer.path_tracer import render
 from renderer.scene import LightSpec
 from renderer.studio import studio, sun_and_sky
 from renderer.surroundings import directional_light
-from renderer.synth_files import material_entry, scene_toml
+from renderer.synth_files import (
+    MAP,
+    SCENE,
+    TRUTH,
+    copied_mesh,
+    material_entry,
+    outputs_of,
+    require_room_for_photographs,
+    scene_toml,
+    view_name,
+)
 from renderer.to_mitsuba import AUTO, Bsdf, bsdf_of, mitsuba, variant_here
 from renderer.truth import ShadingModel, TrueMaterial, require, require_shadable
+from renderer.unicode_text import unicode_text
 from renderer.views import views
 
 MADE_HERE = {"studio": studio, "sunsky": sun_and_sky}
@@ -103,8 +114,8 @@ def synthesise(
         The path of scene.toml.
 
     Raises:
-        InputError: mesh or map cannot be read, the folder not written, or the materials are not those that the
-            mesh names.
+        InputError: mesh or map cannot be read, the folder not written, a file in it is not of an earlier call, or the
+            materials are not those that the mesh names.
     """
     progress("environment", 0.0)
     if options.model == "mitsuba":
@@ -114,18 +125,34 @@ def synthesise(
     materials = _by_name(options, shape)
     photographer = _photographer(options, shape, environment, list(materials.values()))
     poses = views(options.views, shape, options.fov)
-    with replaced_together(out_dir, last="scene.toml") as folder:
-        write_exr(folder / "environment.exr", environment.radiance.numpy())
-        if options.mesh is not None:
-            (folder / options.mesh.name).write_bytes(options.mesh.read_bytes())
+    out, mesh = Path(out_dir), copied_mesh(options.mesh, Path(out_dir))
+    allowed = require_room_for_photographs(out, options.views, options.mesh, _inputs(options))
+    with replaced_together(out, last=SCENE, replaceable=allowed, size=_size(options, environment)) as folder:
+        write_exr(folder / MAP, environment.radiance.numpy())
+        if mesh is not None:
+            (folder / mesh.name).write_bytes(mesh.read_bytes())
         for index, pose in enumerate(poses):
             report = _share_of_all(progress, index, options.views)
             pixels = _photograph(photographer, options, pose.camera(options.size), index, report)
-            write_exr(folder / f"view_{index}.exr", pixels)
-        (folder / "scene.toml").write_text(scene_toml(options.mesh, options.lights, poses), encoding="utf-8")
-        truth = json.dumps(_truth(options, materials), indent=2, allow_nan=False, ensure_ascii=False)
-        (folder / "truth.json").write_text(truth + "\n", encoding="utf-8")
-    return Path(out_dir) / "scene.toml"
+            write_exr(folder / view_name(index), pixels)
+        (folder / SCENE).write_text(scene_toml(options.mesh, options.lights, poses), encoding="utf-8")
+        truth = {**_truth(options, materials), **outputs_of(folder, out)}
+        text = json.dumps(truth, indent=2, allow_nan=False, ensure_ascii=False)
+        (folder / TRUTH).write_text(text + "\n", encoding="utf-8")
+    return out / SCENE
+
+
+def _inputs(options: SynthOptions) -> list[Path]:
+    """The files that are read."""
+    light = [] if options.env in MADE_HERE else [Path(options.env)]
+    return [each for path in light for each in ([path, *path.iterdir()] if path.is_dir() else [path])] + (
+        [] if options.mesh is None else [options.mesh]
+    )
+
+
+def _size(options: SynthOptions, environment: Environment) -> int:
+    """Bytes of all pictures together, whose compression wins little: noise hardly gets smaller."""
+    return 4 * (4 * options.views * options.size**2 + environment.radiance.numel())
 
 
 def _share_of_all(progress: Callable[[str, float], None], index: int, count: int) -> Callable[[float], None]:
@@ -227,7 +254,7 @@ def _truth(options: SynthOptions, materials: Mapping[str, TrueMaterial]) -> dict
         "noise": options.noise,
         "seed": options.seed,
         "max_depth": options.max_depth if by_mitsuba else None,
-        "environment": options.env,
+        "environment": unicode_text(options.env),
         "variant": options.variant if by_mitsuba else None,
         "mitsuba": mi.__version__ if mi else None,
         "spectra": {name: first[name] for name in ("eta", "k")} if first and "k" in first else None,

@@ -32,7 +32,7 @@ ENVIRONMENT = {**os.environ, "OMP_NUM_THREADS": "1", "TERM": "xterm", "COLUMNS":
 FILES = {"result.json", "report.html", "comparison.png", "sphere.mtl", "sphere.thesis.mtl"}
 
 # DESIGN.md's contract of result.json, written out once more
-TOP = "format status message materials quality exposure model effects time inputs"
+TOP = "format status message materials quality exposure model effects time inputs outputs"
 PARAMETERS = "n k f0 alpha roughness color reflectance"
 MATERIAL = f"name type {PARAMETERS} stderr interval95 determined nearest from_prior correlation"
 QUALITY = "rms_relative psnr ssim"

@@ -15,7 +15,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from fitter.batch.record import RECORD, Fitted, earlier, key_of, read_record
+from fitter.batch.record import RECORD, Fitted, earlier, key_of, read_record, replaceable_by_batch
 from fitter.batch.summary import Scene, Summary, outcome, untouched
 from fitter.batch.worker import Ended, Task
 from fitter.fit_options import FitOptions
@@ -23,12 +23,14 @@ from fitter.progress import Progress
 from fitter.result import Result, read_result
 from renderer.atomic import replaced_together
 from renderer.errors import InputError
+from renderer.replaceable import Replaceable, json_with
+from renderer.unfinished import sweep, unfinished_folder
 
 if TYPE_CHECKING:
     from distributed import Client
 
 LOG = "fits.jsonl"  # a line for every result that was taken over, in the order of time
-UNFINISHED = ".unfinished-"
+SUMMARY: tuple[str, ...] = ("summary.html", "summary.json")
 TOLD = 5.0  # seconds between two versions of the summary
 
 
@@ -119,14 +121,18 @@ class Batch:
             self.known[ended.name] = self.known[ended.name].model_copy(update=found)
             return
         target = self.out / ended.name
-        with replaced_together(target, last=RECORD) as folder:
-            for path in ended.folder.iterdir():
-                os.replace(path, folder / path.name)
+        try:
+            with replaced_together(target, last=RECORD, replaceable=replaceable_by_batch(target)) as folder:
+                for path in ended.folder.iterdir():
+                    os.replace(path, folder / path.name)
+        except InputError as error:  # about a file that has come there meanwhile, or a full disk
+            self._take(Ended(ended.name, "failed", str(error), worker=ended.worker, starts=ended.starts))
+            return
         record, result = read_record(target), read_result(target / "result.json")
         assert record is not None
         line = {"name": ended.name, "scene": record.scene, "worker": record.worker, "starts": record.starts}
         told = datetime.now(UTC).isoformat(timespec="milliseconds")
-        with open(self.out / LOG, "a", encoding="utf-8") as log:
+        with open(self.out / LOG, "a", encoding="utf-8", errors="backslashreplace") as log:
             log.write(json.dumps({"time": told, **line, "key": record.key}, ensure_ascii=False) + "\n")
         self._note(ended.name, record, result, kept=False)
 
@@ -154,8 +160,7 @@ class Batch:
 @contextmanager
 def _scratch(out: Path) -> Iterator[Path]:
     """A folder in `out` for fits that are under way."""
-    folder = Path(tempfile.mkdtemp(prefix=UNFINISHED, dir=out))
-    with _removed(folder):
+    with unfinished_folder(out) as folder:
         yield folder
 
 
@@ -170,10 +175,10 @@ def _removed(folder: Path) -> Iterator[None]:
 
 @contextmanager
 def alone_in(out: Path) -> Iterator[None]:
-    """Make the folder of a batch, without what an earlier one left unfinished; no other batch works there meanwhile.
+    """Make the folder of a batch, without what dead ones left unfinished; no other batch works there meanwhile.
 
     Raises:
-        InputError: it is no folder that can be written, or another batch works there.
+        InputError: it is no folder that can be written, another batch works there, or a summary there is no batch's.
     """
     try:
         out.mkdir(parents=True, exist_ok=True)
@@ -183,13 +188,20 @@ def alone_in(out: Path) -> Iterator[None]:
         raise InputError("-o", value=out, expected=f"a folder that can be written ({error.strerror})") from None
     try:
         _lock(handle, out)
-        for left in out.glob(f"{UNFINISHED}*"):
-            shutil.rmtree(left, ignore_errors=True)
+        _require_own_summary(out)
+        sweep(out)
         yield
     finally:
         os.close(handle)
         with suppress(OSError):  # it is not empty, but for a batch that was refused
             out.rmdir()
+
+
+def _require_own_summary(out: Path) -> None:
+    """Refuse a folder where somebody else's files have the summary's names."""
+    ours = json_with(out / "summary.json", "scenes", "counts", "where") is not None
+    own = dict.fromkeys(SUMMARY if ours else ())
+    Replaceable(own=own, known="one of an earlier batch, beside its summary.json").require(out, SUMMARY)
 
 
 def _lock(handle: int, out: Path) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import os
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import Literal
@@ -14,9 +14,11 @@ from fitter.code_digest import code_digest
 from fitter.fit_options import FitOptions
 from fitter.frontier_runs import versions
 from fitter.result import InputFile, Record, Result, read_result, sha256_of
+from fitter.written import KNOWN, written_by_fit
 from renderer.atomic import write_text_atomically
 from renderer.checked import check
 from renderer.errors import InputError
+from renderer.replaceable import Replaceable
 
 FORMAT = 1
 RECORD = "batch.json"  # in the result's folder, moved there last: whoever finds it finds all that it lists
@@ -62,6 +64,12 @@ def read_record(folder: Path) -> Fitted | None:
         return check(Fitted, json.loads((folder / RECORD).read_text(encoding="utf-8")), folder / RECORD)
     except (OSError, ValueError, RecursionError, InputError):
         return None
+
+
+def replaceable_by_batch(folder: Path, inputs: Iterable[Path] = ()) -> Replaceable:
+    """What a batch may replace in the folder of a result: what fits have written there, and its own note on them."""
+    own = written_by_fit(folder)
+    return Replaceable(tuple(inputs), {**own, RECORD: None} if own else {}, KNOWN)
 
 
 def earlier(folder: Path, scene: Path, key: str) -> tuple[Fitted, Result] | None:

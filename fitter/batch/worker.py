@@ -13,7 +13,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any, Literal
 
-from fitter.batch.record import key_of, write_record
+from fitter.batch.record import RECORD, key_of, replaceable_by_batch, write_record
 from fitter.fit_options import FitOptions
 from renderer.errors import InputError
 from renderer.threads import limit_cores
@@ -108,7 +108,9 @@ def _fit(task: Task, folder: Path) -> None:
         if not task.folder.exists():
             raise _Abandoned
 
-    fit_scene(task.scene, folder, replace(task.options, command=task.command), progress, begun)
+    target = task.folder.parent / task.name
+    replaceable_by_batch(target, [task.scene]).require(target, [RECORD])
+    fit_scene(task.scene, folder, replace(task.options, command=task.command), progress, begun, target=target)
 
 
 def dask_setup(worker: Any) -> None:

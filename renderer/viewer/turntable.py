@@ -10,6 +10,7 @@ from pathlib import Path
 from renderer.atomic import replaced_together
 from renderer.errors import InputError
 from renderer.images import png
+from renderer.replaceable import ANYTHING, Replaceable
 from renderer.viewer.display import Codes
 from renderer.viewer.eye import Eye, orbit
 
@@ -17,7 +18,9 @@ FRAMES = 72  # three seconds of film
 MOST_FRAMES = 100_000
 
 
-def turntable(directory: Path, eye: Eye, frames: int, draw: Callable[[Eye], Codes]) -> Iterator[int]:
+def turntable(
+    directory: Path, eye: Eye, frames: int, draw: Callable[[Eye], Codes], replaceable: Replaceable = ANYTHING
+) -> Iterator[int]:
     """Write frame_000.png …, each from a camera a step further round the target, all at the end together.
 
     A generator, so that a window can answer between two frames; closed before its end, it leaves nothing behind.
@@ -27,13 +30,14 @@ def turntable(directory: Path, eye: Eye, frames: int, draw: Callable[[Eye], Code
         eye: of the first frame. The last frame is one step short of it, so that the film can be repeated.
         frames: how many.
         draw: the picture from an eye.
+        replaceable: which files of `directory` may be replaced.
 
     Yields:
         The number of frames that are drawn.
 
     Raises:
-        InputError: the number is out of range, the folder cannot be written, or frames of another, longer turntable
-            are in it.
+        InputError: the number is out of range, the folder cannot be written, frames of another, longer turntable are in
+            it, or a file that may not be replaced.
     """
     if not 2 <= frames <= MOST_FRAMES:
         raise InputError("--frames", value=frames, expected=f"2 to {MOST_FRAMES}")
@@ -41,7 +45,8 @@ def turntable(directory: Path, eye: Eye, frames: int, draw: Callable[[Eye], Code
     others = sorted({path.name for path in directory.glob("frame_*.png")} - {*names})
     if others:
         raise InputError("--turntable", value=directory, expected=f"a folder without another film's {others[0]}")
-    with replaced_together(directory, last=names[-1], option="--turntable") as folder:
+    replaceable.require(directory, names, "--turntable")
+    with replaced_together(directory, last=names[-1], option="--turntable", replaceable=replaceable) as folder:
         for index, name in enumerate(names):
             (folder / name).write_bytes(png(draw(orbit(eye, 2 * math.pi * index / frames, 0.0))))
             yield index + 1
