@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -12,7 +13,9 @@ from jaxtyping import Float
 from torch import Tensor
 
 from renderer.errors import InputError
-from renderer.images import FORMATS, read_image
+from renderer.images import read_image
+from renderer.promised import RADIANCE, Size, require_size
+from renderer.samples import FORMATS, image_size
 
 
 @dataclass(frozen=True)
@@ -87,7 +90,9 @@ def _from_faces(folder: Path) -> tuple[Float[np.ndarray, "h w 3"], int]:
     """Six faces, resampled: two map rows per face row keep every texel that the faces have."""
     from renderer.cubemap import FACES, Cubemap, lookup
 
-    faces, repaired = zip(*(_read_face(_face_file(folder, name)) for name in FACES), strict=True)
+    files = [_face_file(folder, name) for name in FACES]
+    _require_small(folder, files)
+    faces, repaired = zip(*map(_read_face, files), strict=True)
     size = len(faces[0])
     for name, face in zip(FACES, faces, strict=True):
         if len(face) != size:
@@ -95,6 +100,13 @@ def _from_faces(folder: Path) -> tuple[Float[np.ndarray, "h w 3"], int]:
             raise InputError(folder, name, side, f"the size of {FACES[0]}, {size} × {size}")
     cubemap = Cubemap(torch.from_numpy(np.stack(faces)))
     return lookup(cubemap, directions(2 * size, 4 * size)).numpy(), sum(repaired)
+
+
+def _require_small(folder: Path, files: Sequence[Path]) -> None:
+    """Refuse faces of which each fits into memory, but not the map that they become."""
+    sizes = [image_size(file) for file in files]
+    width = max(size.width for size in sizes)
+    require_size(folder, Size(4 * width, 2 * width, sum(RADIANCE * size.width * size.height for size in sizes)))
 
 
 def _face_file(folder: Path, name: str) -> Path:

@@ -1,15 +1,11 @@
-"""Images: files to linear radiance and back. Every format's reader returns the samples as they are stored."""
+"""Images: files to linear radiance and back; `renderer.samples` reads what files store."""
 
 from __future__ import annotations
 
-import os
 import re
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager, redirect_stderr, redirect_stdout
 from dataclasses import dataclass
-from io import BytesIO, StringIO
+from io import BytesIO
 from pathlib import Path
-from typing import Any, TypeVar
 
 import numpy as np
 from jaxtyping import Bool, Float, Num, UInt, UInt8
@@ -17,10 +13,8 @@ from jaxtyping import Bool, Float, Num, UInt, UInt8
 from renderer.atomic import replaced_together
 from renderer.errors import InputError
 from renderer.exif import read_exif, upright
-from renderer.mitsuba_library import mitsuba_library
-from renderer.promised import promised_size, require_size
-from renderer.radiance_hdr import read_hdr
-from renderer.raw import ENDINGS, read_raw
+from renderer.raw import ENDINGS
+from renderer.samples import Samples, read_samples, read_sensor
 
 ENCODING = re.compile(r"srgb|linear|gamma:(?=.*[1-9])(\d+(?:\.\d+)?)")
 ENCODING_HELP = '"srgb", "linear" or "gamma:" and a positive exponent such as "gamma:2.2"'
@@ -28,9 +22,6 @@ ENCODING_HELP = '"srgb", "linear" or "gamma:" and a positive exponent such as "g
 WHITE, LOSSY_WHITE = 253.5 / 255, 247.5 / 255  # half a code below 254 and 248 of 255, where clipping is told from
 LOSSY = (".jpg", ".jpeg")
 WITH_EXIF = (*LOSSY, ".png", ".tif", ".tiff")
-
-Samples = Num[np.ndarray, "h w *c"]
-T = TypeVar("T")
 
 
 @dataclass(frozen=True)
@@ -69,7 +60,7 @@ def read_image(path: str | Path, encoding: str | None = None) -> Image:
     path = Path(path)
     if path.suffix.lower() in ENDINGS:
         return _developed(path, encoding)
-    samples = _checked(_reader(path), path)
+    samples = read_samples(path)
     if samples.dtype.kind not in "uf":
         raise InputError(path, "sample type", samples.dtype, "unsigned integers or floats")
     if path.suffix.lower() in WITH_EXIF:
@@ -81,7 +72,7 @@ def _developed(path: Path, encoding: str | None) -> Image:
     """A camera raw file, which is linear and nothing else."""
     if encoding not in (None, "linear"):
         raise InputError(path, "encoding", repr(encoding), '"linear" or none: camera raw has no curve')
-    radiance, full = _checked(read_raw, path)
+    radiance, full = read_sensor(path)
     return Image(radiance, full=full)
 
 
@@ -113,10 +104,8 @@ def write_exr(path: str | Path, pixels: Float[np.ndarray, "h w c"]) -> None:
     path = Path(path)
     channels = {"RGBA"[: pixels.shape[2]]: np.ascontiguousarray(pixels, np.float32)}
     header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
-    file = BytesIO()  # its own way to files hides why one cannot be written, and takes no name but in UTF-8
-    OpenEXR.File(header, channels).write(file)
     with replaced_together(path.parent, option=str(path)) as folder:
-        (folder / path.name).write_bytes(file.getvalue())
+        OpenEXR.File(header, channels).write(str(folder / path.name))
 
 
 def png(codes: UInt8[np.ndarray, "h w c"]) -> bytes:
@@ -126,130 +115,6 @@ def png(codes: UInt8[np.ndarray, "h w c"]) -> bytes:
     file = BytesIO()
     Image.fromarray(np.ascontiguousarray(codes)).save(file, "png")
     return file.getvalue()
-
-
-def _reader(path: Path) -> Callable[[Path], Samples]:
-    """What reads the samples of a file of that ending as they are stored, unsigned integers or floats."""
-    reader = _READERS.get(path.suffix.lower())
-    if reader is None:
-        raise InputError(path, "format", path.suffix or "missing", f"one of {' '.join(FORMATS)}")
-    return reader
-
-
-def _checked(reader: Callable[[Path], T], path: Path) -> T:
-    """What the reader makes of a file; a broken file becomes an InputError."""
-    if not path.is_file():
-        raise InputError(path, expected="an image file here, but there is none")
-    try:
-        promised = promised_size(path)
-        if promised is not None:
-            require_size(path, *promised)
-        return reader(path)
-    except InputError:
-        raise
-    except Exception as error:  # the parsers of so many formats raise whatever they like on foreign bytes
-        reason = f"{error}".partition("\n")[0].strip().rstrip(".") or type(error).__name__
-        raise InputError(path, expected=f"a readable {path.suffix[1:].upper()} image ({reason})") from error
-
-
-def _read_exr(path: Path) -> Samples:
-    """R, G, B or Y, and A where there is one, by name: their order in the file is alphabetical."""
-    with _open_exr(path) as file:  # header and pixels die with the file
-        header = file.header()
-        if any(np.any(a != b) for a, b in zip(header["dataWindow"], header["displayWindow"], strict=True)):
-            raise InputError(path, "dataWindow", "unlike displayWindow", "the whole picture, neither cropped nor more")
-        channels = {name: channel.pixels for name, channel in file.channels().items()}
-        colour = next((names for names in (("R", "G", "B"), ("Y",)) if channels.keys() >= set(names)), None)
-        if colour is None or {"RY", "BY"} & channels.keys():
-            raise InputError(path, "channels", " ".join(channels), "R G B or Y, with or without A")
-        named = [channels[name] for name in (*colour, *({"A"} & channels.keys()))]
-        return np.stack(named, -1, dtype=np.float32, casting="unsafe")  # from integers, too
-
-
-def _open_exr(path: Path) -> Any:
-    """The file with its pixels read."""
-    import OpenEXR
-
-    with _silent():
-        try:
-            file = OpenEXR.File(str(path), separate_channels=True)
-            file.header()  # fails where the file has no part that is whole
-            return file
-        except Exception as error:  # of whatever type its C++ chose
-            raise InputError(path, expected="a readable EXR image; it is cut off, or no EXR") from error
-
-
-@contextmanager
-def _silent() -> Iterator[None]:
-    """Nothing reaches standard output and error, where OpenEXR writes through Python and its core past it."""
-    kept = [(stream, os.dup(stream)) for stream in (1, 2)]
-    nowhere = os.open(os.devnull, os.O_WRONLY)
-    try:
-        for stream, _ in kept:
-            os.dup2(nowhere, stream)
-        with redirect_stdout(StringIO()), redirect_stderr(StringIO()):
-            yield
-    finally:
-        for stream, copy in kept:
-            os.dup2(copy, stream)
-            os.close(copy)
-        os.close(nowhere)
-
-
-def _read_bitmap(path: Path) -> Samples:
-    """PNG through Mitsuba, which keeps 16 bits at 16 bits and expands palettes."""
-    mi = mitsuba_library()
-    if mi.variant() is None:
-        mi.set_variant("scalar_rgb")
-    return np.array(mi.Bitmap(str(path)))
-
-
-def _read_jpeg(path: Path) -> Samples:
-    from imageio.v3 import imread
-
-    return imread(path, plugin="pillow", mode="RGB")
-
-
-def _read_tiff(path: Path) -> Samples:
-    """First page of a TIFF file, its palette applied."""
-    from tifffile import PHOTOMETRIC, TiffFile
-
-    with TiffFile(path) as file:
-        page = file.pages.first
-        samples = page.asarray()
-        palette = page.colormap
-    if page.axes.startswith("S"):  # channels stored as planes
-        samples = np.moveaxis(samples, 0, -1)
-    if samples.dtype == bool:
-        samples = samples.astype(np.uint8) * np.uint8(255)
-    if palette is not None:
-        return np.moveaxis((palette >> 8).astype(np.uint8)[:, samples], 0, -1)  # 16-bit tables of 8-bit colours
-    if page.photometric == PHOTOMETRIC.MINISWHITE:
-        return np.iinfo(samples.dtype).max - samples
-    if page.photometric not in (PHOTOMETRIC.MINISBLACK, PHOTOMETRIC.RGB):
-        raise InputError(path, "photometric", PHOTOMETRIC(page.photometric).name, "RGB, grey or palette")
-    return samples
-
-
-def _read_npy(path: Path) -> Samples:
-    array = np.load(path, allow_pickle=False)
-    if array.dtype.kind != "f":
-        raise InputError(path, "dtype", array.dtype, "floats, linear radiance")
-    return array
-
-
-_READERS: dict[str, Callable[[Path], Samples]] = {
-    ".exr": _read_exr,
-    ".hdr": read_hdr,
-    ".npy": _read_npy,
-    ".png": _read_bitmap,
-    ".jpg": _read_jpeg,
-    ".jpeg": _read_jpeg,
-    ".tif": _read_tiff,
-    ".tiff": _read_tiff,
-}
-
-FORMATS = (*_READERS, *ENDINGS)
 
 
 def _values(samples: Samples) -> Float[np.ndarray, "h w *c"]:

@@ -7,16 +7,27 @@ from __future__ import annotations
 
 import re
 from pathlib import Path
+from typing import BinaryIO
 
 import numpy as np
 from jaxtyping import Float, UInt8
 
 from renderer.errors import InputError
+from renderer.promised import Size
 
 EXCESS = 128 + 8  # of the exponent, for mantissas of eight bits
+LONGEST_HEAD = 1 << 16  # bytes
+STORED = 4 + 4 + 4  # bytes of a pixel: samples, its exponent, and that as a factor
 SHORTEST, LONGEST = 8, 0x7FFF  # lines that may be packed channel by channel
 
 _RESOLUTION = re.compile(rb"-Y +(\d{1,9}) +\+X +(\d{1,9})[ \t]*\r?\n")
+
+
+def hdr_size(path: Path) -> Size:
+    """By the lines that `read_hdr` goes by; raises what it does of them."""
+    with path.open("rb") as file:
+        height, width = _layout(path, file)
+    return Size(width, height, STORED * width * height)
 
 
 def read_hdr(path: Path) -> Float[np.ndarray, "h w 3"]:
@@ -25,8 +36,9 @@ def read_hdr(path: Path) -> Float[np.ndarray, "h w 3"]:
     Raises:
         InputError: the file is no such picture, is turned or mirrored, or ends or runs over before its last pixel.
     """
-    data = path.read_bytes()
-    start, height, width = _layout(path, data)
+    with path.open("rb") as file:
+        height, width = _layout(path, file)
+        data, start = file.read(), 0
     lines = np.empty((height, width, 4), np.uint8)
     for row in range(height):
         start = _read_line(path, data, start, lines[row], row)
@@ -34,8 +46,13 @@ def read_hdr(path: Path) -> Float[np.ndarray, "h w 3"]:
     return lines[..., :3] * np.where(lines[..., 3:] > 0, scale, np.float32(0))
 
 
-def _layout(path: Path, data: bytes) -> tuple[int, int, int]:
-    """Where pixels begin, and how many rows and columns there are."""
+def _layout(path: Path, file: BinaryIO) -> tuple[int, int]:
+    """How many rows and columns there are; the file then stands where pixels begin.
+
+    Raises:
+        InputError: the file is no such picture, or one that is turned or mirrored.
+    """
+    data = file.read(LONGEST_HEAD)
     head = re.match(rb"#\?[^\n]*\n(?:[^\n]+\n)*?\r?\n", data)
     resolution = _RESOLUTION.match(data, head.end()) if head else None
     if head is None or resolution is None:
@@ -45,7 +62,8 @@ def _layout(path: Path, data: bytes) -> tuple[int, int, int]:
     if b"FORMAT=" in head[0] and b"FORMAT=32-bit_rle_rgbe" not in head[0]:
         raise InputError(path, "FORMAT", expected="32-bit_rle_rgbe")
     height, width = int(resolution[1]), int(resolution[2])
-    return resolution.end(), height, width
+    file.seek(resolution.end())
+    return height, width
 
 
 def _read_line(path: Path, data: bytes, at: int, line: UInt8[np.ndarray, "w 4"], row: int) -> int:

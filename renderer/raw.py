@@ -10,12 +10,24 @@ from jaxtyping import Bool, Float
 
 from renderer.errors import InputError
 from renderer.exif import upright
+from renderer.promised import Size
 
 ENDINGS = (".dng", ".cr2", ".cr3", ".nef", ".arw", ".raf", ".orf", ".rw2", ".pef")
 
 FULL = 0.99  # of the way from black to white level, where sensors may be full
 
+DEVELOPED = 2 + 8 + 6 + 24  # bytes: of a photosite, of LibRaw's four channels and three, and of these as float64
+
 _ORIENTATIONS = {0: 1, 3: 3, 5: 8, 6: 6}  # LibRaw's flips as EXIF's orientations
+
+
+def raw_size(path: Path) -> Size:
+    """LibRaw's, which reads photosites only when they are asked for."""
+    import rawpy
+
+    with rawpy.imread(str(path)) as raw:
+        width, height = raw.sizes.raw_width, raw.sizes.raw_height
+        return Size(width, height, DEVELOPED * width * height)
 
 
 def read_raw(path: Path) -> tuple[Float[np.ndarray, "h w 3"], Bool[np.ndarray, "h w"]]:

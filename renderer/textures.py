@@ -11,7 +11,8 @@ from torch import Tensor
 
 from renderer import images
 from renderer.errors import InputError
-from renderer.promised import by_pillow, require_size
+from renderer.files import require_file
+from renderer.samples import FORMATS, read_any
 
 
 @dataclass(frozen=True)
@@ -38,8 +39,7 @@ def read_texture(path: str | Path, *, color: bool) -> Texture:
         InputError: the file is missing or broken, or a texel is not in [0, 1].
     """
     path = Path(path)
-    if not path.is_file():
-        raise InputError(path, expected="a texture here, but there is none")
+    require_file(path, "a texture")
     texels = torch.from_numpy(_read(path, None if color else "linear").radiance).contiguous()
     outside = ~((texels >= 0) & (texels <= 1))  # nan is outside, too
     if outside.any():
@@ -48,18 +48,9 @@ def read_texture(path: str | Path, *, color: bool) -> Texture:
 
 
 def _read(path: Path, encoding: str | None) -> images.Image:
-    if path.suffix.lower() in images.FORMATS:
+    if path.suffix.lower() in FORMATS:
         return images.read_image(path, encoding)
-    from imageio.v3 import imread
-
-    try:
-        require_size(path, *by_pillow(path))
-        samples = imread(path, plugin="pillow", mode="RGB", index=0)
-    except InputError:
-        raise
-    except Exception as error:  # Pillow's many plugins raise whatever they like on foreign bytes
-        raise InputError(path, expected="a picture of a format that Pillow reads") from error
-    return images.decoded(samples, path, encoding)
+    return images.decoded(read_any(path), path, encoding)
 
 
 def lookup(texture: Texture, uv: Float[Tensor, "*p 2"]) -> Float[Tensor, "*p c"]:

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import glob
 import io
 import os
 import sys
+import time
 from pathlib import Path
 
 import pytest
 
+from fitter.batch.pattern import matching
 from fitter.batch.scene_list import read_lists
 from renderer.errors import InputError
 
@@ -121,3 +124,51 @@ def test_slips_in_a_list(text, sentence, folder):
 def test_no_list(folder):
     with pytest.raises(InputError, match=r"^gone.txt: expected a list of scenes that can be read \(No such file"):
         told("gone.txt")
+
+
+def test_links_to_the_folder_itself_are_no_ways_through_it(folder):
+    """Two of them make 2^40 paths of forty names."""
+    for name in ("again", "once-more"):
+        os.symlink(folder, folder / name)
+        os.symlink(folder / "a", folder / "a" / name)
+    begun = time.monotonic()
+    for pattern in ("*/" * 40 + "scene.toml", "**/" * 20 + "scene.toml"):
+        assert (folder / "a/scene.toml").resolve() in {Path(path).resolve() for path, _ in listed(pattern).values()}
+    assert list(listed("**/scene.toml")) == ["a", "b", "deep-er", "with-space"]
+    assert time.monotonic() - begun < 2
+
+
+def test_a_pattern_finds_what_is_in_a_linked_folder_but_nothing_below(folder, tmp_path_factory):
+    elsewhere = tmp_path_factory.mktemp("elsewhere")
+    for name in ("scene.toml", "below/scene.toml"):
+        (elsewhere / name).parent.mkdir(exist_ok=True)
+        (elsewhere / name).touch()
+    os.symlink(elsewhere, folder / "deep" / "link")
+    assert list(listed("deep/**/scene.toml")) == ["deep-er", "deep-link"]
+    assert list(listed("deep/*/*/scene.toml")) == ["deep-link-below"]
+
+
+@pytest.mark.parametrize(
+    "pattern",
+    ["**", "**/*.toml", "*/scene.toml", "[ab]/**", "d*/**/scene.*", ".h*/*", "b/../*/*.toml", "**/**/*", "?", "a/*/x"],
+)
+def test_without_links_a_pattern_matches_what_pythons_own_does(pattern, folder):
+    for name in (".hidden/scene.toml", "a/.hidden", "deep/er/still/deep.er"):
+        (folder / name).parent.mkdir(parents=True, exist_ok=True)
+        (folder / name).touch()
+    for root, text in ((Path(), pattern), (folder, pattern), (Path(), f"{folder}/{pattern}")):
+        expected = {Path(os.path.abspath(each)) for each in glob.glob(str(root / text), recursive=True)}
+        found = {Path(os.path.abspath(each)) for each in matching(text, root)}
+        assert found - {folder} == expected - {folder}  # to which `**` of no folders leads, and Python's only sometimes
+
+
+def test_brackets_in_the_name_of_a_lists_own_folder_are_no_pattern(folder):
+    (folder / "b[1]" / "x").mkdir(parents=True)
+    (folder / "b[1]" / "x" / "scene.toml").touch()
+    assert list(listed("*/scene.toml", "b[1]/list.txt")) == ["x"]
+
+
+def test_a_list_that_is_a_pipe_is_refused(folder):
+    os.mkfifo("pipe.txt")
+    with pytest.raises(InputError, match=r"^pipe.txt: is a named pipe, expected a regular file$"):
+        told("pipe.txt")

@@ -13,8 +13,10 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+from fitter.batch.pattern import matching
 from renderer.checked import shortened
 from renderer.errors import InputError
+from renderer.files import read_bytes
 
 SCENE_FILE = "scene.toml"  # whose name says nothing: its folder's does
 TAKEN = frozenset({"summary.html", "summary.json", "fits.jsonl"})  # names of a batch's own files
@@ -71,7 +73,7 @@ def _source(source: str) -> Iterator[Listed]:
 
 def _lines(source: str) -> list[str]:
     try:
-        data = sys.stdin.buffer.read() if source == "-" else Path(source).read_bytes()
+        data = sys.stdin.buffer.read() if source == "-" else read_bytes(Path(source))
         return data.decode("utf-8-sig").splitlines()
     except OSError as error:
         raise InputError(source, expected=f"a list of scenes that can be read ({error.strerror})") from None
@@ -100,7 +102,7 @@ def _line(line: str, folder: Path, where: str) -> Iterator[Listed]:
 def _expanded(text: str, folder: Path, where: str, words: tuple[str, ...]) -> Iterator[Listed]:
     """A scene file, all scenes of a folder, or all that match a pattern."""
     path = folder / Path(text).expanduser()
-    matches = sorted(map(Path, glob.glob(str(path), recursive=True))) if glob.has_magic(text) else []
+    matches = sorted(matching(text, folder)) if glob.has_magic(text) else []
     if glob.has_magic(text) and not matches and not _is_there(path):
         raise InputError(where, value=shortened(text), expected="a pattern that some scene file matches")
     for each in matches or [path]:

@@ -1,0 +1,82 @@
+"""How much memory is free for what a file is about to become: refused in a sentence before it is taken."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterator
+from contextlib import suppress
+from pathlib import Path
+
+from renderer.errors import InputError
+
+GIGABYTE = 10**9
+PROC, CGROUPS = Path("/proc/self"), Path("/sys/fs/cgroup")
+
+
+def require_memory(path: str | Path, taken: float, field: str = "", value: object = "") -> None:
+    """Refuse what would take more memory than there is.
+
+    Args:
+        path, field, value: of the input at fault, as `InputError` has them.
+        taken: bytes that it takes at least.
+
+    Raises:
+        InputError: with both numbers.
+    """
+    free = available_memory()
+    if taken > free:
+        numbers = f"reading it takes {taken / GIGABYTE:.3g} GB, and {free / GIGABYTE:.3g} GB are free"
+        raise InputError(path, field, value, f"what fits into memory: {numbers}")
+
+
+def available_memory() -> int:
+    """Bytes that this process may still take: what is left of the machine's, its control group's and its own limit."""
+    import psutil
+
+    return max(0, min(psutil.virtual_memory().available, address_space(), *control_groups()))
+
+
+def address_space() -> int:
+    """Bytes that RLIMIT_AS (`ulimit -v`) leaves to this process."""
+    import psutil
+
+    limit = address_limit()
+    return sys.maxsize if limit is None else limit - psutil.Process().memory_info().vms
+
+
+def address_limit() -> int | None:
+    """RLIMIT_AS in bytes; None where there is none."""
+    with suppress(ImportError):  # Windows
+        import resource
+
+        limit = resource.getrlimit(resource.RLIMIT_AS)[0]
+        return None if limit == resource.RLIM_INFINITY else limit
+    return None
+
+
+def control_groups(proc: Path = PROC, root: Path = CGROUPS) -> Iterator[int]:
+    """Bytes that each limit of this process's control groups leaves, of version 1 or 2; files in memory are given up.
+
+    Args:
+        proc: holds `cgroup`, the groups' names.
+        root: where their files are.
+    """
+    with suppress(OSError, ValueError):  # no Linux, or nothing that may be read
+        for line in (proc / "cgroup").read_text().splitlines():
+            _, controllers, name = line.split(":", 2)
+            if controllers == "":
+                yield from _left(root, name, ("memory.max", "memory.current", "inactive_file"))
+            elif "memory" in controllers.split(","):
+                names = ("memory.limit_in_bytes", "memory.usage_in_bytes", "total_inactive_file")
+                yield from _left(root / "memory", name, names)
+
+
+def _left(root: Path, name: str, files: tuple[str, str, str]) -> Iterator[int]:
+    """What the group and those around it leave; in a container, the outermost that is seen is the root."""
+    limit, usage, cached = files
+    group = root / name.lstrip("/")
+    for folder in (group, *(each for each in group.parents if each.is_relative_to(root))):
+        with suppress(OSError, ValueError):  # a group that is not seen from here, or "max"
+            most, used = (int((folder / file).read_text()) for file in (limit, usage))
+            entries = dict(line.split() for line in (folder / "memory.stat").read_text().splitlines())
+            yield most - used + int(entries.get(cached, 0))
