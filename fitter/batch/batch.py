@@ -8,12 +8,11 @@ import os
 import shutil
 import tempfile
 import time
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import AbstractContextManager, contextmanager, suppress
+from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
+from contextlib import closing, contextmanager, suppress
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from fitter.batch.record import RECORD, Fitted, earlier, key_of, read_record, replaceable_by_batch
 from fitter.batch.summary import Scene, Summary, outcome, untouched
@@ -25,9 +24,6 @@ from renderer.atomic import replaced_together
 from renderer.errors import InputError
 from renderer.replaceable import Replaceable, json_with
 from renderer.unfinished import sweep, unfinished_folder
-
-if TYPE_CHECKING:
-    from distributed import Client
 
 LOG = "fits.jsonl"  # a line for every result that was taken over, in the order of time
 SUMMARY: tuple[str, ...] = ("summary.html", "summary.json")
@@ -54,12 +50,12 @@ class Crew:
     """Who fits.
 
     Attributes:
-        called: lends a client of Dask for so many scenes.
+        fits: makes tasks into their outcomes, as they end.
         cores: for each fit; None for as many as Dask's worker has threads.
         where: in words.
     """
 
-    called: Callable[[], AbstractContextManager[Client]]
+    fits: Callable[[Sequence[Task]], Generator[Ended, None, None]]
     cores: int | None
     where: str
 
@@ -96,18 +92,17 @@ class Batch:
 
     def fit(self, names: list[str], crew: Crew, progress: Progress) -> None:
         """Fit those scenes and take their results over, each as soon as it is there."""
-        from fitter.batch.crew import fits
-
         done = 0
         self._where = crew.where
-        with _scratch(self.out) as folder, crew.called() as client, _removed(folder):
+        with _scratch(self.out) as folder:
             tasks = [self._task(name, folder, crew.cores) for name in names]
             progress(f"{len(names)} scenes", 0)
-            for ended in fits(client, tasks):
-                self._take(ended)
-                done += 1
-                progress(f"{len(names)} scenes", done / len(names))
-                self._tell_now_and_then()
+            with closing(crew.fits(tasks)) as outcomes:
+                for ended in outcomes:
+                    self._take(ended)
+                    done += 1
+                    progress(f"{len(names)} scenes", done / len(names))
+                    self._tell_now_and_then()
 
     def _task(self, name: str, folder: Path, cores: int | None) -> Task:
         asked = self.scenes[name]

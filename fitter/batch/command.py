@@ -22,15 +22,21 @@ from renderer.errors import InputError
 if TYPE_CHECKING:
     from fitter.batch.batch import Asked, Batch, Crew
     from fitter.batch.scene_list import Listed
+    from fitter.batch.scheduler import Scheduler
 
 LISTS = (
     "Text files with a scene file a line, and options of fit behind it; folders, whose every scene.toml is fitted;"
     " scene files. Paths in a list are relative to it; * and ** match; # begins a comment; - is standard input."
 )
 SCHEDULER = (
-    "Fit by the workers of this Dask scheduler, such as tcp://10.0.0.1:8786. They need the same version of"
-    " fit-material, and the same files under the same paths, results included."
+    "Fit by the workers of this Dask scheduler, such as tls://10.0.0.1:8786. They need the same version of"
+    " fit-material, and the same files under the same paths, results included. Described in docs/many-scenes.md."
 )
+CA_FILE = "Certificates that know the scheduler, as --tls-ca-file of dask scheduler."
+CERT = "Certificate that is shown to the scheduler, as --tls-cert of dask worker."
+KEY = "Private key of that certificate; may be in the same file."
+INSECURE = "Take a scheduler without TLS: whoever reaches it can run code as you, here and on all workers."
+CLUSTER = "A Dask cluster"
 
 
 @with_parameters_of(chosen, panel="Options of fit, for every scene")
@@ -42,7 +48,11 @@ def batch(
             "-o", "--out", metavar="PATH", parser=output_folder, help="Folder for a folder of each result, and summary."
         ),
     ],
-    scheduler: Annotated[str | None, typer.Option(metavar="ADDRESS", help=SCHEDULER)] = None,
+    scheduler: Annotated[str | None, typer.Option(metavar="ADDRESS", help=SCHEDULER, rich_help_panel=CLUSTER)] = None,
+    tls_ca_file: Annotated[Path | None, typer.Option(help=CA_FILE, rich_help_panel=CLUSTER)] = None,
+    tls_cert: Annotated[Path | None, typer.Option(help=CERT, rich_help_panel=CLUSTER)] = None,
+    tls_key: Annotated[Path | None, typer.Option(help=KEY, rich_help_panel=CLUSTER)] = None,
+    insecure: Annotated[bool, typer.Option("--insecure", help=INSECURE, rich_help_panel=CLUSTER)] = False,
     workers: Annotated[
         int | None,
         typer.Option(min=1, max=1024, help="Processes of this machine; as many as cores and memory allow if left out."),
@@ -60,9 +70,11 @@ def batch(
     1: some have not, which the summary tells; 2: the list or an option is wrong, and nothing was fitted.
     """
     from fitter.batch.scene_list import read_lists
+    from fitter.batch.scheduler import scheduler_of
 
     if scheduler is not None and workers is not None:
         raise InputError("--workers", value=workers, expected="no number beside --scheduler, which has its own")
+    elsewhere = scheduler_of(scheduler, tls_ca_file, tls_cert, tls_key, insecure)
     scenes = {name: _asked(listed, options) for name, listed in read_lists(lists).items()}
     with progress_bar(quiet) as progress:
         progress("starting", 0)
@@ -70,7 +82,7 @@ def batch(
 
         with alone_in(out):
             found = Batch(scenes, out, shlex.join(["fit-material", *sys.argv[1:]]))
-            told = _run(found, functools.partial(_crew, scheduler, workers, cores), progress)
+            told = _run(found, functools.partial(_crew, elsewhere, workers, cores), progress)
     _print(found)
     if told:
         complain(told)
@@ -121,18 +133,20 @@ def _done(batch: Batch) -> str:
     return f"{done} of {len(batch.known)} scenes are done and kept; the same command goes on with the others"
 
 
-def _crew(scheduler: str | None, workers: int | None, cores: int | None, scenes: int) -> Crew:
+def _crew(scheduler: Scheduler | None, workers: int | None, cores: int | None, scenes: int) -> Crew:
     """For so many scenes."""
     from fitter.batch.batch import Crew
-    from fitter.batch.crew import distant_crew, local_crew, usual_workers
+    from fitter.batch.crew import local_fits, usual_workers
     from renderer import threads
 
     if scheduler is not None:
-        return Crew(functools.partial(distant_crew, scheduler), cores, f"the workers of {scheduler}")
+        from fitter.batch.cluster import cluster_fits
+
+        return Crew(functools.partial(cluster_fits, scheduler), cores, f"the workers of {scheduler.address}")
     count = workers or usual_workers(scenes, cores or 1)
     share = cores or max(1, threads.cores() // count)
     where = f"{count} worker{'s' if count > 1 else ''} of {share} core{'s' if share > 1 else ''}"
-    return Crew(functools.partial(local_crew, count), share, where)
+    return Crew(functools.partial(local_fits, count), share, where)
 
 
 def _print(batch: Batch) -> None:

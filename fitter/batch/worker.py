@@ -3,22 +3,19 @@
 from __future__ import annotations
 
 import os
-import signal
 import tempfile
-import threading
 import time
-from contextlib import suppress
 from dataclasses import dataclass, replace
-from importlib import import_module
 from pathlib import Path
-from typing import Any, Literal
+from typing import Literal
 
 from fitter.batch.record import RECORD, key_of, replaceable_by_batch, write_record
 from fitter.fit_options import FitOptions
 from renderer.errors import InputError
 from renderer.threads import limit_cores
 
-_ONE_AT_A_TIME = threading.Lock()  # torch, JAX and Dr.Jit keep settings for a whole process
+# of C++, torch, abseil and the dynamic linker, none of which raises a MemoryError
+NO_MEMORY = ("bad_alloc", "allocate memory", "mmap error", "failed to map segment")
 
 
 @dataclass(frozen=True)
@@ -67,17 +64,13 @@ class _Abandoned(Exception):
     """Nobody waits for this fit any more."""
 
 
-def fit_one(task: Task) -> Ended:
-    """Fit a scene into a new folder inside the task's; whatever goes wrong is told, nothing is raised."""
-    from distributed import get_worker
+def fit_one(task: Task, worker: str) -> Ended:
+    """Fit a scene into a new folder inside the task's; whatever goes wrong is in what is returned, nothing is raised.
 
-    worker = get_worker()
-    with _ONE_AT_A_TIME:
-        limit_cores(task.cores or worker.state.nthreads)
-        return _fitted(task, worker.address)
+    Args:
+        worker: what this process is called.
+    """
 
-
-def _fitted(task: Task, worker: str) -> Ended:
     def ended(how: Literal["refused", "failed"], told: str) -> Ended:
         return Ended(task.name, how, told, worker=worker, starts=starts)
 
@@ -96,12 +89,14 @@ def _fitted(task: Task, worker: str) -> Ended:
     except InputError as error:
         return ended("refused", str(error))
     except Exception as error:
-        return ended("failed", f"internal error: {' '.join(str(error).split()) or type(error).__name__}")
+        return ended("failed", _sentence(error))
     return Ended(task.name, "fitted", folder=folder, worker=worker, starts=starts)
 
 
 def _fit(task: Task, folder: Path) -> None:
     begun = time.perf_counter()
+    if task.cores is not None:
+        limit_cores(task.cores)
     from fitter.pipeline import fit_scene
 
     def progress(stage: str, share: float) -> None:
@@ -113,8 +108,14 @@ def _fit(task: Task, folder: Path) -> None:
     fit_scene(task.scene, folder, replace(task.options, command=task.command), progress, begun, target=target)
 
 
-def dask_setup(worker: Any) -> None:
-    """Called by Dask in a process that this machine's batch begins: Ctrl-C is for the batch to hear; imports, early."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    with suppress(Exception):  # the first fit meets it again, and tells it
-        import_module("fitter.pipeline")
+def _sentence(error: Exception) -> str:
+    """What went wrong, on one line."""
+    reason = " ".join(str(error).split()) or type(error).__name__
+    if isinstance(error, MemoryError) or is_about_memory(reason):
+        return f"not enough memory for this fit ({reason})"
+    return f"internal error: {reason}"
+
+
+def is_about_memory(text: str) -> bool:
+    """Whether a library says there that it got none."""
+    return any(words in text for words in NO_MEMORY)

@@ -1,0 +1,180 @@
+"""The processes that fit a batch: how each death is reported and counted, and how many there are.
+
+Most tests put a few lines in place of what such a process runs: it dies, or answers, as a fit would.
+"""
+
+from __future__ import annotations
+
+import os
+import pickle
+import signal
+from pathlib import Path
+
+import pytest
+
+from fitter.batch import crew, process
+from fitter.batch.crew import DEATHS, Lost, local_fits
+from fitter.batch.memory import group_limits, memory_limit
+from fitter.batch.worker import Ended, Task
+from fitter.fit_options import FitOptions
+
+CONNECTED = """
+import os, pickle, signal, sys
+from multiprocessing.connection import Connection
+connection = Connection(int(sys.argv[1]))
+def say(text): print(text, file=sys.stderr, flush=True)
+"""
+TASK = "connection.send(None); connection.recv_bytes()\n"  # loaded, and given something to fit
+
+
+def ended(monkeypatch, child: str, names: str = "a", count: int = 1) -> dict[str, Ended]:
+    """Outcomes of tasks, one for each letter, where a process runs those lines."""
+    monkeypatch.setattr(process, "SERVE", CONNECTED + child)
+    return {each.name.removeprefix("task-"): each for each in local_fits(count, tasks(names))}
+
+
+def tasks(names: str) -> list[Task]:
+    return [Task(f"task-{name}", Path("scene.toml"), FitOptions(), "", Path("/nowhere"), "") for name in names]
+
+
+@pytest.mark.parametrize(
+    ("last", "cause"),
+    [
+        ("os.kill(os.getpid(), signal.SIGKILL)", "SIGKILL, perhaps out of memory"),
+        ("os.kill(os.getpid(), signal.SIGSEGV)", "SIGSEGV"),
+        ("say('LLVM ERROR: Cannot select'); say(' #0 stack'); os.abort()", "SIGABRT (LLVM ERROR: Cannot select)"),
+        ("say('terminate called …'); say('  what():  std::bad_alloc'); os.abort()", "SIGABRT, out of memory"),
+        ("say('Traceback'); say('ValueError: \\033[31mred'); os._exit(3)", "exit code 3 (ValueError: [31mred)"),
+        ("say('x' * 1000); os.abort()", f"SIGABRT ({'x' * 200})"),
+        ("signal.signal(34, signal.SIG_DFL); os.kill(os.getpid(), 36)", "signal 36"),
+    ],
+)
+def test_a_scene_whose_process_dies_has_the_signal_in_its_message(monkeypatch, last, cause):
+    found = ended(monkeypatch, f"say('of its start'); {TASK}{last}")["a"]
+    told = f"the process that fitted it died each time, of {cause}; tried {DEATHS + 1} times"
+    assert found == Ended("task-a", "failed", told, starts=DEATHS + 1)
+
+
+def test_different_deaths_are_all_in_the_message(monkeypatch, tmp_path):
+    """The first by SIGSEGV, the second and third by SIGABRT."""
+    child = f"""
+{TASK}
+first = not os.path.exists({str(tmp_path / "second")!r})
+open({str(tmp_path / "second")!r}, "w").close()
+os.kill(os.getpid(), signal.SIGSEGV if first else signal.SIGABRT)
+"""
+    told = "the process that fitted it died each time, of SIGSEGV, then of SIGABRT; tried 3 times"
+    assert ended(monkeypatch, child)["a"].told == told
+
+
+ANSWERS = {name: pickle.dumps(Ended(f"task-{name}", "refused", "so")) for name in "abcde"}
+ANSWER = f"""
+import re  # and not the module of tasks, which would be seconds of imports
+answers = {ANSWERS!r}
+connection.send(None)
+while True:
+    name = re.search(rb"task-(.)", connection.recv_bytes())[1].decode()
+    say(os.environ.get("SAID", ""))
+    if name == "f":
+        os.kill(os.getpid(), signal.SIGKILL)
+    connection.send_bytes(answers[name])
+"""
+
+
+def test_a_scene_that_kills_costs_the_others_nothing(monkeypatch, capfd):
+    found = ended(monkeypatch, ANSWER, names="abfcde", count=2)
+    assert {name: each.how for name, each in found.items()} == {**dict.fromkeys("abcde", "refused"), "f": "failed"}
+    assert [each.starts for each in found.values() if each.how == "refused"] == [1] * 5
+    assert capfd.readouterr() == ("", "")
+
+
+def test_what_processes_print_is_shown_once_at_the_end(monkeypatch, capfd):
+    monkeypatch.setenv("SAID", "no LLVM here")
+    found = ended(monkeypatch, ANSWER, names="abcd", count=2)
+    assert {each.how for each in found.values()} == {"refused"}
+    assert capfd.readouterr() == ("", "no LLVM here\n")
+
+
+@pytest.mark.parametrize(
+    ("child", "cause"), [("os.abort()", "SIGABRT"), ("raise ValueError('x')", "exit code 1 (ValueError: x)")]
+)
+def test_processes_that_die_before_they_fit_are_not_begun_for_ever(monkeypatch, child, cause):
+    with pytest.raises(Lost) as lost:
+        ended(monkeypatch, child, names="abcdefgh", count=3)
+    assert str(lost.value) == f"the processes that fit cannot start: {cause}"
+
+
+def test_no_process_at_all(monkeypatch):
+    """Where the system begins none, as its limits of processes and of open files have it."""
+
+    def refuse(*arguments, **options):
+        raise OSError(11, "Resource temporarily unavailable")
+
+    monkeypatch.setattr(process.subprocess, "Popen", refuse)
+    with pytest.raises(Lost) as lost:
+        ended(monkeypatch, "")
+    assert str(lost.value) == "the processes that fit cannot start: [Errno 11] Resource temporarily unavailable"
+
+
+def test_no_process_is_left_where_the_caller_stops(monkeypatch, tmp_path):
+    monkeypatch.setattr(process, "SERVE", f"{CONNECTED}open(f'{tmp_path}/{{os.getpid()}}', 'w').close()\n{ANSWER}")
+    outcomes = local_fits(2, tasks("abcd"))
+    next(outcomes)
+    begun = [int(each.name) for each in tmp_path.iterdir()]
+    assert len(begun) >= 1
+    outcomes.close()
+    for number in begun:
+        with pytest.raises(ProcessLookupError):
+            os.kill(number, 0)
+
+
+def test_ctrl_c_is_held_from_a_process_first_instruction_on(monkeypatch):
+    """It would print a traceback wherever it was; SIGTERM is let in later."""
+    child = "say(sorted(signal.pthread_sigmask(signal.SIG_BLOCK, []))); os.abort()"
+    with pytest.raises(Lost) as lost:
+        ended(monkeypatch, child)
+    held = [signal.SIGINT, signal.SIGTERM]
+    assert str(lost.value) == f"the processes that fit cannot start: SIGABRT ({held})"
+    assert signal.pthread_sigmask(signal.SIG_BLOCK, []) == set()  # here
+
+
+# How many
+
+
+def test_workers_are_as_many_as_scenes_cores_and_memory_serve(monkeypatch):
+    monkeypatch.setattr(crew, "cores", lambda: 8)
+    monkeypatch.setattr(crew, "memory_limit", lambda: 13 * 2**30)
+    assert [crew.usual_workers(scenes, each) for scenes, each in ((100, 1), (3, 1), (100, 2), (100, 16))] == [
+        6,
+        3,
+        4,
+        1,
+    ]
+
+
+def test_memory_is_at_most_the_machine_s():
+    text = Path("/proc/meminfo").read_text() if Path("/proc/meminfo").exists() else ""
+    if not text:
+        pytest.skip("no /proc/meminfo to compare with")
+    assert 0 < memory_limit() <= int(text.split()[1]) * 1024
+
+
+@pytest.mark.parametrize(
+    ("own", "files", "limits"),
+    [
+        ("0::/a/b\n", {"a/b/memory.max": "max", "a/memory.max": "5000", "memory.max": "9000"}, {5000, 9000}),
+        ("0::/\n", {"memory.max": "7000"}, {7000}),
+        ("4:cpu:/x\n9:memory,hugetlb:/a\n", {"memory/a/memory.limit_in_bytes": "6000", "x/memory.max": "1"}, {6000}),
+        ("9:memory:/docker/0a1b\n", {"memory/memory.limit_in_bytes": "8000", "memory.max": "1"}, {8000}),
+        (None, {"memory.max": "1"}, set()),
+    ],
+    ids=["version 2", "version 2, a container", "version 1", "version 1, a container", "no Linux"],
+)
+def test_a_control_group_limits_memory(tmp_path, own, files, limits):
+    for name, text in files.items():
+        path = tmp_path / "groups" / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(text + "\n")
+    if own is not None:
+        (tmp_path / "own").write_text(own)
+    assert set(group_limits(tmp_path / "groups", tmp_path / "own")) == limits
