@@ -11,7 +11,7 @@ from pydantic import ConfigDict, Field, PositiveFloat, Strict
 
 from renderer.checked import Checked, RigidMotion, check, existing_file, shortened
 from renderer.errors import InputError
-from renderer.images import FORMATS
+from renderer.samples import FORMATS
 
 OPENCV_MODELS = ("OPENCV", "PINHOLE", "SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL")
 DISTORTION = ("k1", "k2", "p1", "p2", "k3")
