@@ -49,6 +49,8 @@ def unexpected(expected: str, **where: Any) -> PydanticCustomError:
         expected: what would have been right; the sentence's end.
         where: `key`, a key below the place of the validator; `value`, what stands there, "" to show none.
     """
+    for key, value in where.items():  # pydantic takes UTF-8 alone
+        where[key] = type(value)(printable(str(value))) if isinstance(value, str | Path) else value
     return PydanticCustomError("unexpected", "{expected}", {"expected": expected, **where})
 
 

@@ -106,6 +106,10 @@ def test_a_name_is_a_plain_one(name, folder):
         ("a\nx/*/scene.toml", "list.txt: line 2: is x/*/scene.toml, expected a pattern that some scene file matches"),
         ("--type metal", "list.txt: line 1: is --type metal, expected a scene file, and options behind it"),
         ("a 'b", "list.txt: line 1: is a 'b, expected quotes in pairs"),
+        ("a\0b", r"list.txt: line 1: is a\x00b, expected the path of a file (embedded null byte)"),
+        ("b" * 300, f"list.txt: line 1: is {'b' * 79}…, expected the path of a file (File name too long)"),
+        (f"{'b' * 300}/*", f"list.txt: line 1: is {'b' * 79}…, expected the path of a file (File name too long)"),
+        ("~no-such-user/a", "list.txt: line 1: is ~no-such-user/a, expected the path of a file (Could not determine"),
         (b"\xff\xfe", "list.txt: expected a list of scenes in UTF-8, one to a line"),
         ("deep/er\nempty", "list.txt: line 2: is empty, expected a folder with a scene.toml, or with folders"),
         (

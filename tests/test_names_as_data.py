@@ -102,6 +102,11 @@ def test_results_with_control_characters_in_paths_are_refused(tmp_path):
         read_result(path)
 
 
+def test_keys_that_no_file_can_hold_are_refused(tmp_path):
+    told = by_hand(tmp_path, **{"nam\ud800e": 1})
+    assert told == r"materials[0].nam\ud800e: is 1, expected a known key, the nearest is name"
+
+
 @pytest.mark.parametrize("name", ["/etc/a.png", "../a.png", "b/a.png", "b\\a.png", ".a.png", ".png", "a.mtl", ""])
 def test_maps_are_png_files_beside_the_result(tmp_path, name):
     told = by_hand(tmp_path, maps={"color": name, "color_seen": "b.png"})

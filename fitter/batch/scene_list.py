@@ -101,7 +101,7 @@ def _line(line: str, folder: Path, where: str) -> Iterator[Listed]:
 
 def _expanded(text: str, folder: Path, where: str, words: tuple[str, ...]) -> Iterator[Listed]:
     """A scene file, all scenes of a folder, or all that match a pattern."""
-    path = folder / Path(text).expanduser()
+    path = _path(text, folder, where)
     matches = sorted(matching(text, folder)) if glob.has_magic(text) else []
     if glob.has_magic(text) and not matches and not _is_there(path):
         raise InputError(where, value=shortened(text), expected="a pattern that some scene file matches")
@@ -110,6 +110,23 @@ def _expanded(text: str, folder: Path, where: str, words: tuple[str, ...]) -> It
             raise InputError(where, value=each, expected=f"a folder with a {SCENE_FILE}, or with folders that have one")
         for scene in inside if each.is_dir() else [each]:
             yield Listed(_absolute(scene), _absolute(folder), where, words)
+
+
+def _path(text: str, folder: Path, where: str) -> Path:
+    """What a text names, whether or not it is there.
+
+    Raises:
+        InputError: it cannot be: a zero byte, a name too long, nobody's home, or a folder that may not be looked into.
+    """
+    try:
+        path = folder / Path(text).expanduser()
+        os.lstat(path)
+    except (FileNotFoundError, NotADirectoryError):
+        return path
+    except (OSError, RuntimeError, ValueError) as error:
+        reason = getattr(error, "strerror", None) or str(error)
+        raise InputError(where, value=shortened(text), expected=f"the path of a file ({reason})") from None
+    return path
 
 
 def _is_there(path: Path) -> bool:

@@ -33,7 +33,13 @@ _PATHS = (b"../", b"..\\", b"../secret.png", b"/etc/passwd", b"~root/x", b"NUL",
 _KEYS = (b"mtllib ", b"usemtl ", b"newmtl ", b"map_Kd ", b"-bm 2 ", b"-s 1 1 1 ", b"Ns 2", b"Kd 1", b"spectral")
 _DEEP = (b"[" + b".".join([b"a"] * 2000) + b"]\n", b"[" * 2000, b'{"a":' * 2000)
 _LINES = (b"f 1 2 3", b"f 0 0 0", b"f -1 -2 -3", b"f 1/1/1 2//2 3", b"v 1 2", b"v nan 0 0")
-TOKENS = (*_NUMBERS, *_MARKS, *_BYTES, *_PATHS, *_KEYS, *_LINES, *_DEEP)
+_XML = (
+    b"<", b">", b"/>", b"<!--", b"-->", b"<![CDATA[", b"&amp;", b"&#27;", b"&x;", b"<!DOCTYPE scene [", b"$size",
+    b"\\$", b'<sensor type="perspective">', b'<film type="../../evil">', b"</sensor>", b' name="fov"', b"<include/>",
+)  # fmt: skip
+_LISTS = (b"*", b"**/", b"[a-", b"?", b"--type", b" # ", b"scene.toml\n", b"\\\n")
+_CONTROLS = (b"\\n", b"\\u001b", b"\\ud800", b"\\u2028", b"\x1b[2J", b"\xc2\x9b")
+TOKENS = (*_NUMBERS, *_MARKS, *_BYTES, *_PATHS, *_KEYS, *_LINES, *_DEEP, *_XML, *_LISTS, *_CONTROLS)
 
 Mutation = Callable[[bytes, Random, Sequence[bytes]], bytes]
 

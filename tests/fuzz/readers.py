@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import ast
+import re
 import sys
 import time
 from collections.abc import Callable
@@ -10,9 +12,13 @@ from pathlib import Path
 from random import Random
 from typing import Any
 
+from fitter.batch.scene_list import read_lists
+from fitter.export import FORMATS, export
+from fitter.result import read_result
 from renderer.errors import InputError
 from renderer.images import read_image
 from renderer.mesh import read_mesh
+from renderer.mitsuba_sensors import read_sensors
 from renderer.mtl import read_mtl
 from renderer.scene import read_scene
 from renderer.transforms import read_transforms
@@ -33,11 +39,27 @@ class Failure:
     what: str
 
 
+def _exported(path: Path) -> None:
+    """A result in all formats; what is Python among them is Python."""
+    files = export(read_result(path), list(FORMATS), path.parent / "out", "ball", path)
+    ast.parse(files[list(FORMATS).index("blender")].read_bytes())
+
+
+def _listed(path: Path) -> None:
+    """A list, but for what lies outside of its folder: the whole disk takes its time."""
+    inside = re.sub(rb"\.\.|~", b"", path.read_bytes())
+    path.write_bytes(re.sub(rb"(?<![\w.*\]])/", b"", inside))
+    read_lists([str(path)])
+
+
 READERS: dict[str, tuple[str, Callable[[Path], Any]]] = {
     "scene": ("scene.toml", read_scene),
     "transforms": ("transforms.json", lambda path: read_transforms(path, images=True)),
     "obj": ("ball.obj", read_mesh),
     "mtl": ("ball.mtl", read_mtl),
+    "sensors": ("scene.xml", read_sensors),
+    "result": ("result.json", _exported),
+    "list": ("list.txt", _listed),
     "exr": ("view.exr", read_image),
     "hdr": ("view.hdr", read_image),
     "npy": ("view.npy", read_image),
@@ -53,6 +75,9 @@ def prepared(folder: Path) -> Path:
     exr, png = seeds("exr")[0], seeds("png")[0]
     for name, data in (("ball.obj", OBJ), ("ball.mtl", MTL), ("transforms.json", TRANSFORMS), ("inside.png", png)):
         (tree / name).write_bytes(data)
+    for name in ("a", "deep/er"):
+        (tree / name).mkdir(parents=True)
+        (tree / name / "scene.toml").touch()
     for name in ("map.exr", "view.exr"):
         (tree / name).write_bytes(exr)
     (folder / SECRET).write_bytes(png)

@@ -8,6 +8,23 @@ from pathlib import Path
 
 import numpy as np
 
+from fitter.result import (
+    Determined,
+    Effect,
+    FittedMaterial,
+    InputFile,
+    Intervals,
+    Maps,
+    Model,
+    Nearest,
+    PhotographQuality,
+    PictureQuality,
+    Quality,
+    Result,
+    StandardErrors,
+    Time,
+    write_result,
+)
 from renderer.images import write_exr
 from tests.bench.setting import SHARED
 
@@ -106,12 +123,87 @@ bump -s 1 1 1 ../secret.png
 """
 
 
+SENSORS = b"""<?xml version="1.0" encoding="utf-8"?>
+<scene version="3.0.0">
+  <default name="size" value="64"/> <default name="wide" value="$size"/>
+  <integrator type="path"/>
+  <sensor type="perspective" id="first">
+    <float name="fov" value="50"/> <string name="fov_axis" value="smaller"/> <float name="near_clip" value="0.1"/>
+    <float name="principal_point_offset_x" value="0.1"/>
+    <transform name="to_world">
+      <scale value="1"/> <rotate y="1" angle="30"/> <translate x="1" z="-3"/>
+      <lookat origin="1, 2, 4" target="0.2, -0.3, 0.1" up="0.1, 1, -0.2"/>
+      <matrix value="1 0 0 5, 0 1 0 6, 0 0 1 7, 0 0 0 1"/>
+    </transform>
+    <film type="hdrfilm">
+      <integer name="width" value="$wide"/> <integer name="height" value="40"/> <rfilter type="gaussian"/>
+    </film>
+    <sampler type="independent"><integer name="sample_count" value="16"/></sampler>
+  </sensor>
+  <!-- another -->
+  <sensor type="orthographic">
+    <transform name="to_world"><scale x="1.3" y="1.3"/><lookat origin="1 2 4" target="0 0 0"/></transform>
+  </sensor>
+  <sensor type="thinlens"><string name="focal_length" value="35mm"/></sensor>
+  <shape type="sphere"/>
+</scene>
+"""
+LIST = b"""\xef\xbb\xbf# of two folders
+a/scene.toml --type metal --seed 3  # with options
+deep
+'a/scene.toml' "--fidelity" preview
+**/scene.toml
+[ad]*/*/
+"""
+
+
 def seeds(kind: str) -> list[bytes]:
-    """Whole files of a kind: scene, transforms, obj, mtl, exr, hdr, npy, png."""
+    """Whole files of a kind: scene, transforms, obj, mtl, sensors, list, result, exr, hdr, npy, png."""
     own = {"scene": [SCENE, PLAIN_SCENE], "transforms": [TRANSFORMS], "obj": [OBJ], "mtl": [MTL]}
+    own |= {"sensors": [SENSORS], "list": [LIST]}
+    if kind == "result":
+        return [_result()]
     if kind in own:
         return [*own[kind], *_corpus(kind)]
     return _images(kind)
+
+
+def _result() -> bytes:
+    """A `result.json` of a metal, a glossy material with maps and a matte one."""
+    color, half = (0.5, 0.4, 0.3), (0.04, 0.04, 0.04)
+    width = {"alpha": 0.2, "roughness": 0.55}
+    wide = ((0.1, 0.2), (0.3, 0.4), None)
+    metal = FittedMaterial(
+        name="lid",
+        type="metal",
+        **{"n": color, "k": (3.5, 2.3, 1.9), "f0": color, **width},
+        stderr=StandardErrors(n=(0.02, 0.04, None), alpha=0.001),
+        interval95=Intervals(n=wide),
+        determined=Determined(n=(True, True, False), alpha=True),
+        nearest=(Nearest(name="Au", distance=0.8),),
+    )
+    maps = Maps(color="inside.png", color_seen="inside.png")
+    glaze = FittedMaterial(name="glaze", type="glossy", color=color, reflectance=half, f0=half, maps=maps, **width)
+    clay = FittedMaterial(name="clay", type="matte", color=color, reflectance=color)
+    picture = {"rms_relative": 0.02, "psnr": 41.0, "ssim": None}
+    found = Result(
+        status="converged",
+        message="nine steps",
+        materials=(metal, glaze, clay),
+        quality=Quality(
+            overall=PictureQuality(**picture), photographs=(PhotographQuality(name="view.exr", **picture),)
+        ),
+        exposure=(1.0,),
+        model=Model(
+            fidelity="standard", reflectance="conductor", lobe="ggx", samples=512, pixels=4000, dtype="float32"
+        ),
+        effects=(Effect(name="reflection", on=True, why="a metal"),),
+        time=Time(load=1, prepare=7, solve=0.4, report=1, total=10),
+        inputs=(InputFile(path="scene.toml", sha256="0" * 64),),
+    )
+    with tempfile.TemporaryDirectory() as folder:
+        write_result(found, Path(folder) / "result.json")
+        return (Path(folder) / "result.json").read_bytes()
 
 
 def _corpus(kind: str) -> list[bytes]:
