@@ -27,6 +27,7 @@ from fitter.doctor_command import doctor
 from fitter.fit_command import DONE, NO_MATERIAL, demo, fit
 from fitter.frontier_command import frontier
 from fitter.plan_command import plan
+from fitter.plotting import without_the_users_settings
 from fitter.printing import Unwritable, complain, flush, open_streams, say
 from fitter.probe_command import probe
 from fitter.selftest_command import selftest
@@ -82,6 +83,7 @@ def main() -> NoReturn:
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):  # a locale may have no ± or σ
             stream.reconfigure(errors="backslashreplace")
+    without_the_users_settings()
     pressed = _watch_for_interrupts()
     try:
         code = _run(sys.argv[1:] or ["--help"])

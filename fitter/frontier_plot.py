@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from fitter.frontier import LEAST, STAGES, Frontier, Row, Spread
+from fitter.plotting import own_settings
 from fitter.svg import INK
 
 if TYPE_CHECKING:
@@ -22,10 +23,9 @@ NAMES_OF_ERRORS = {"worst": "largest error of n, k, F0, alpha, colour", "picture
 
 def frontier_png(frontier: Frontier) -> bytes:
     """The plot on white."""
-    from matplotlib import rc_context
     from matplotlib.backends.backend_agg import FigureCanvasAgg
 
-    with rc_context(rc={"font.size": 10}):
+    with own_settings({"font.size": 10}):
         file, figure = io.BytesIO(), frontier_figure(frontier)
         figure.patch.set_visible(True)
         FigureCanvasAgg(figure).print_png(file)

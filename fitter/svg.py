@@ -7,6 +7,8 @@ import re
 from collections.abc import Callable
 from typing import TYPE_CHECKING
 
+from fitter.plotting import own_settings
+
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
@@ -21,12 +23,11 @@ def inline_svg(draw: Callable[[], Figure], name: str) -> str:
         draw: makes the figure; what it leaves to matplotlib's defaults has the page's ink.
         name: keeps the ids of one page's figures apart; never shown.
     """
-    from matplotlib import rc_context
     from matplotlib.backends.backend_svg import FigureCanvasSVG
 
     parts = ("text.color", "axes.edgecolor", "axes.labelcolor", "xtick.color", "ytick.color")
     inked = dict.fromkeys(parts, INK)
-    with rc_context(rc={"svg.fonttype": "none", "svg.hashsalt": name, "font.size": 10, **inked}):
+    with own_settings({"svg.fonttype": "none", "svg.hashsalt": name, "font.size": 10, **inked}):
         text = io.StringIO()
         FigureCanvasSVG(draw()).print_svg(text)
     return _element(text.getvalue())
