@@ -21,6 +21,7 @@ from fitter.result import FittedMaterial, InputFile, NonNegative, Record, Result
 from renderer.atomic import write_text_atomically
 from renderer.checked import check
 from renderer.errors import InputError
+from renderer.files import read_text
 
 FORMAT = 1
 KIBIBYTE = 1 if sys.platform == "darwin" else 1024  # ru_maxrss counts bytes there, and kibibytes elsewhere
@@ -118,7 +119,7 @@ class Experiment:
 def _read(kept: Path) -> Run | None:
     """The run in that file; None where it is missing or damaged."""
     try:
-        return check(Run, json.loads(kept.read_text(encoding="utf-8")), kept)
+        return check(Run, json.loads(read_text(kept, "utf-8")), kept)
     except (OSError, ValueError, RecursionError, InputError):
         return None
 

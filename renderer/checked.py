@@ -20,6 +20,7 @@ from pydantic import (
 from pydantic_core import ErrorDetails, PydanticCustomError
 
 from renderer.errors import InputError, as_written
+from renderer.files import special
 
 Model = TypeVar("Model", bound=BaseModel)
 
@@ -81,6 +82,9 @@ def _existing(path: Path, info: ValidationInfo) -> Path:
         raise unexpected("a file or folder that exists", value=shortened(str(path))) from None
     if not there:
         raise unexpected("a file or folder that exists", value=found)
+    kind = special(found)
+    if kind is not None:
+        raise unexpected(f"a regular file, not {kind}", value=found)
     return found
 
 
@@ -88,7 +92,7 @@ def existing_path(path: Any, folder: Path) -> Path | None:
     """The file or folder of that name in `folder`, as `ExistingPath` finds it; None for whatever that would refuse."""
     try:
         found = folder / Path(path).expanduser()
-        return found if found.exists() else None
+        return found if found.exists() and special(found) is None else None
     except (TypeError, RuntimeError, OSError, ValueError):
         return None
 

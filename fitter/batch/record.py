@@ -17,6 +17,7 @@ from fitter.result import InputFile, Record, Result, read_result, sha256_of
 from renderer.atomic import write_text_atomically
 from renderer.checked import check
 from renderer.errors import InputError
+from renderer.files import read_text
 
 FORMAT = 1
 RECORD = "batch.json"  # in the result's folder, moved there last: whoever finds it finds all that it lists
@@ -59,7 +60,7 @@ def write_record(folder: Path, scene: Path, key: str, worker: str, starts: int) 
 def read_record(folder: Path) -> Fitted | None:
     """The note in that folder; None where it is missing or damaged: then the scene is fitted again."""
     try:
-        return check(Fitted, json.loads((folder / RECORD).read_text(encoding="utf-8")), folder / RECORD)
+        return check(Fitted, json.loads(read_text(folder / RECORD, "utf-8")), folder / RECORD)
     except (OSError, ValueError, RecursionError, InputError):
         return None
 
