@@ -19,6 +19,7 @@ from typing import Annotated, Any, NoReturn
 import typer
 from typer.exceptions import TyperException
 
+from fitter.address_space import require_address_space
 from fitter.advise_command import advise
 from fitter.batch.command import batch
 from fitter.check_command import check
@@ -140,6 +141,8 @@ def _swallows(frame: FrameType | None) -> bool:
 
 def _run(arguments: list[str]) -> int:
     """The command's exit code, whether or not somebody reads what it prints."""
+    if not {"--help", "--version"} & {*arguments}:
+        require_address_space()
     try:
         code = app(arguments, prog_name="fit-material", standalone_mode=False)
     except SystemExit:  # typer's own, where nobody reads the help

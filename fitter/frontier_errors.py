@@ -13,6 +13,7 @@ from fitter.frontier_runs import Run
 from fitter.result import FittedMaterial, MaterialType
 from renderer.checked import Checked, check
 from renderer.errors import InputError
+from renderer.files import read_text
 
 TRUTH = "truth.json"
 NUMBERS = ("n", "k", "f0", "alpha", "color")
@@ -57,7 +58,7 @@ def truth_beside(scene: Path) -> tuple[Reference, ...] | None:
     if not path.exists():
         return None
     try:
-        data = json.loads(path.read_text(encoding="utf-8"))
+        data = json.loads(read_text(path, "utf-8"))
     except (OSError, ValueError) as error:
         raise InputError(path, expected=f"JSON as `fit-material synth` writes it ({error})") from error
     return check(_TruthFile, data, path).materials

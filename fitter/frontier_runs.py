@@ -20,6 +20,7 @@ from fitter.result import FittedMaterial, InputFile, NonNegative, Record, Result
 from renderer.atomic import write_text_atomically
 from renderer.checked import check
 from renderer.errors import InputError
+from renderer.files import read_text
 from renderer.unfinished import unfinished_folder
 
 FORMAT = 1
@@ -118,7 +119,7 @@ class Experiment:
 def _read(kept: Path) -> Run | None:
     """The run in that file; None where it is missing or damaged."""
     try:
-        return check(Run, json.loads(kept.read_text(encoding="utf-8")), kept)
+        return check(Run, json.loads(read_text(kept, "utf-8")), kept)
     except (OSError, ValueError, RecursionError, InputError):
         return None
 

@@ -17,6 +17,7 @@ from pydantic import AfterValidator, ConfigDict, Field, model_validator
 from renderer.atomic import write_text_atomically
 from renderer.checked import Checked, check, require_plain, unexpected
 from renderer.errors import InputError
+from renderer.files import read_text, require_regular
 from renderer.unicode_text import unicode_text
 
 FORMAT = 1
@@ -391,7 +392,7 @@ def read_result(path: str | Path) -> Result:
         InputError: the file is missing or no text, is not JSON, or a field in it is wrong or has control characters.
     """
     try:
-        data = json.loads(Path(path).read_text(encoding="utf-8"))
+        data = json.loads(read_text(Path(path), "utf-8"))
     except OSError as error:
         raise InputError(path, expected=f"a result.json that can be read ({error.strerror})") from error
     except ValueError as error:  # of the decoding or of the JSON
@@ -410,6 +411,7 @@ def sha256_of(path: str | Path) -> str:
     Raises:
         InputError: the file cannot be read.
     """
+    require_regular(path)
     try:
         with open(path, "rb") as file:
             return hashlib.file_digest(file, "sha256").hexdigest()

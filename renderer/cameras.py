@@ -8,6 +8,7 @@ from typing import Any
 
 from renderer.colmap import read_colmap
 from renderer.errors import InputError
+from renderer.files import require_regular
 from renderer.mitsuba_sensors import read_sensors
 from renderer.transforms import read_transforms
 
@@ -23,6 +24,7 @@ def read_cameras(path: Path, images: Sequence[str] | None) -> list[dict[str, Any
     Raises:
         InputError: as the readers; or a file that names no images has to.
     """
+    require_regular(path)
     if path.is_dir():
         return read_colmap(path, images)
     if path.suffix.lower() == ".xml":

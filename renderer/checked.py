@@ -20,6 +20,7 @@ from pydantic import (
 from pydantic_core import ErrorDetails, PydanticCustomError
 
 from renderer.errors import InputError, as_written
+from renderer.files import special
 from renderer.printable import has_controls, printable
 
 Model = TypeVar("Model", bound=BaseModel)
@@ -103,6 +104,9 @@ def _existing(path: Path, info: ValidationInfo) -> Path:
         raise unexpected("a file or folder that exists", value=found)
     if has_controls(str(found)):
         raise unexpected(f"a path {PLAIN}", value=shortened(str(found)))
+    kind = special(found)
+    if kind is not None:
+        raise unexpected(f"a regular file, not {kind}", value=found)
     return found
 
 
@@ -110,7 +114,7 @@ def existing_path(path: Any, folder: Path) -> Path | None:
     """The file or folder of that name in `folder`, as `ExistingPath` finds it; None for whatever that would refuse."""
     try:
         found = folder / Path(path).expanduser()
-        return found if found.exists() else None
+        return found if found.exists() and special(found) is None else None
     except (TypeError, RuntimeError, OSError, ValueError):
         return None
 

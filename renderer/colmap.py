@@ -12,6 +12,7 @@ from jaxtyping import Float
 
 from renderer.checked import existing_file, shortened
 from renderer.errors import InputError
+from renderer.files import read_text, require_regular
 
 T = TypeVar("T")
 
@@ -77,6 +78,7 @@ def model_files(folder: Path) -> tuple[Path, Path]:
 
 def _whole(path: Path, parts: Callable[[Path], Iterator[T]]) -> list[T]:
     """All parts of a file, none of which may be cut off or unreadable."""
+    require_regular(path)
     try:
         return list(parts(path))
     except InputError:
@@ -87,7 +89,7 @@ def _whole(path: Path, parts: Callable[[Path], Iterator[T]]) -> list[T]:
 
 
 def _text_cameras(path: Path) -> Iterator[tuple[int, dict[str, float]]]:
-    for line in path.read_text("utf-8").splitlines():
+    for line in read_text(path, "utf-8").splitlines():
         if line.strip() and not line.startswith("#"):
             number, model, width, height, *parameters = line.split()
             if model not in MODELS:
@@ -97,7 +99,7 @@ def _text_cameras(path: Path) -> Iterator[tuple[int, dict[str, float]]]:
 
 def _text_views(path: Path) -> Iterator[_View]:
     """Two lines each, of which the second, of points, may be empty."""
-    lines = [line for line in path.read_text("utf-8").splitlines() if not line.startswith("#")]
+    lines = [line for line in read_text(path, "utf-8").splitlines() if not line.startswith("#")]
     for line in lines[::2]:
         if line.strip():
             _, *pose, camera, name = line.split(maxsplit=9)

@@ -12,6 +12,7 @@ import numpy as np
 from jaxtyping import Shaped
 
 from renderer.errors import InputError
+from renderer.files import require_regular
 
 UPRIGHT = 1  # EXIF's orientation of a picture whose first row is its upper one
 
@@ -40,6 +41,7 @@ def read_exif(path: Path) -> Exif:
     import exifread
 
     logging.getLogger("exifread").setLevel(logging.CRITICAL)  # it would warn of every file without
+    require_regular(path)
     try:
         with path.open("rb") as file:
             tags = exifread.process_file(file, details=False, extract_thumbnail=False)

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import json
 import logging
 import warnings
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from io import BytesIO
 from pathlib import Path
@@ -16,13 +15,14 @@ from jaxtyping import Float, Int
 
 from renderer.checked import PLAIN, shortened
 from renderer.errors import InputError
+from renderer.files import read_bytes, require_file
+from renderer.glb import other_files, plain_glb
 from renderer.obj import MATERIAL_FILE, plain_obj
 from renderer.printable import has_controls
 from renderer.unicode_text import unicode_text
 
 UNNAMED = "default"
 FARTHEST = 1e75  # of coordinates: squares of areas stay finite
-_COMPRESSIONS = {"KHR_draco_mesh_compression", "EXT_meshopt_compression"}
 logging.getLogger("trimesh").addHandler(logging.NullHandler())  # without a handler, Python prints a library's warnings
 
 
@@ -90,8 +90,7 @@ def read_mesh(path: str | Path, smooth: bool = True) -> Mesh:
     path = Path(path)
     if path.suffix.lower() not in FORMATS:
         raise InputError(path, "format", path.suffix or "missing", f"one of {' '.join(FORMATS)}")
-    if not path.is_file():
-        raise InputError(path, expected="a mesh file here, but there is none")
+    require_file(path, "a mesh file")
     parts = [_without_slivers(part) for part in _parts(path)]
     parts = [part for part in parts if len(part.faces)]
     if not parts:
@@ -134,13 +133,14 @@ def _check(path: Path, part: _Part) -> None:
 
 
 def _plain_parts(path: Path) -> Iterator[_Part]:
-    return _scene_parts(_load(path))
+    return _scene_parts(_load(read_bytes(path), path.suffix[1:].lower(), {}))
 
 
-def _load(file: Path | BytesIO, **options: Any) -> Any:
+def _load(data: bytes, file_type: str, others: Mapping[str, bytes]) -> Any:
+    """A file as trimesh has it, which opens none: `others` are those that may be named in it."""
     import trimesh
 
-    return trimesh.load_scene(file, process=False, **options)
+    return trimesh.load_scene(BytesIO(data), file_type=file_type, resolver=dict(others), process=False)
 
 
 def _scene_parts(scene: Any) -> Iterator[_Part]:
@@ -246,27 +246,22 @@ def faceted(part: Triangles) -> Triangles:
 
 
 def _obj_parts(path: Path) -> Iterator[_Part]:
-    plain = plain_obj(path.read_bytes(), UNNAMED)
+    plain = plain_obj(read_bytes(path), UNNAMED)
     for kind, lines in plain.vertices.items():
         if plain.highest[kind] > len(lines):
             raise InputError(path, f"{kind} index of a face", plain.highest[kind], f"at most {len(lines)}")
     if not plain.faces:
         return
     groups = list(plain.groups)
-    resolver = {MATERIAL_FILE: plain.material_text.encode()}
-    for part in _scene_parts(_load(BytesIO(plain.text.encode()), file_type="obj", resolver=resolver)):
+    materials = {MATERIAL_FILE: plain.material_text.encode()}
+    for part in _scene_parts(_load(plain.text.encode(), "obj", materials)):
         name, _, object_ = groups[int(part.name)]
         yield replace(part, name=name, object=object_)
 
 
 def _glb_parts(path: Path) -> Iterator[_Part]:
-    """GLB files, but compressed ones, which trimesh reads as zeros without a decoder."""
-    data = path.read_bytes()
-    header = json.loads(data[20 : 20 + int.from_bytes(data[12:16], "little")])
-    compressed = _COMPRESSIONS & {*header.get("extensionsRequired", [])}
-    if compressed:
-        raise InputError(path, "extensionsRequired", ", ".join(compressed), "meshes that are not compressed")
-    return _plain_parts(path)
+    data = plain_glb(path)
+    return _scene_parts(_load(data, "glb", other_files(path, data)))
 
 
 _READERS = {".obj": _obj_parts, ".ply": _plain_parts, ".stl": _plain_parts, ".glb": _glb_parts}

@@ -9,6 +9,7 @@ from pathlib import Path
 
 from renderer.appearance import Appearance, Maps
 from renderer.errors import InputError
+from renderer.files import read_bytes
 from renderer.mesh import UNNAMED, Mesh, faceted, read_mesh
 from renderer.mtl import Dialect, Library, default_appearance, read_mtl
 from renderer.mtl_text import found_file, spelled, written_names
@@ -81,7 +82,7 @@ def _material_files(path: Path) -> tuple[list[Path], list[str]]:
     own = path.with_suffix(".thesis.mtl")
     if own.is_file():
         return [own], []
-    lines = material_libraries(decoded(path.read_bytes())) if path.suffix.lower() == ".obj" else []
+    lines = material_libraries(decoded(read_bytes(path))) if path.suffix.lower() == ".obj" else []
     found = {line: _files_named(line, path.parent) for line in lines}
     expected = "a material file that exists; drawn without it"
     remarks = [str(InputError(path, "mtllib", line, expected)) for line in lines if not found[line]]
@@ -94,8 +95,13 @@ def _files_named(line: str, folder: Path) -> list[Path]:
     whole = found_file(line, folder)
     if whole is not None:
         return [whole]
-    names = re.findall(r"\S.*?\.mtl(?!\S)|\S+", line, re.IGNORECASE)
-    return [file for name in names if (file := found_file(name, folder)) is not None]
+    return [file for name in file_names(line) if (file := found_file(name, folder)) is not None]
+
+
+def file_names(line: str) -> list[str]:
+    """The names in a `mtllib` line: up to each word that ends in ".mtl", behind the last of which every word is one."""
+    end = max((found.end() for found in re.finditer(r"\.mtl(?!\S)", line, re.IGNORECASE)), default=0)
+    return re.findall(r"\S.*?\.mtl(?!\S)|\S+", line[:end], re.IGNORECASE) + line[end:].split()
 
 
 def _joined(libraries: list[Library]) -> Library:

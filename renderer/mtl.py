@@ -13,7 +13,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from renderer.appearance import Appearance
-from renderer.errors import InputError
+from renderer.files import require_file
 from renderer.maps import ORDINARY_KEYS, THESIS_KEYS, Keys, MapReader
 from renderer.mtl_text import Block, Triple, read_blocks
 from shaders import fresnel
@@ -89,8 +89,7 @@ def read_mtl(
             ranges. A texture that cannot be used is no error but a remark.
     """
     path = Path(path)
-    if not path.is_file():
-        raise InputError(path, expected="an MTL file here, but there is none")
+    require_file(path, "an MTL file")
     blocks, reader = read_blocks(path), MapReader(None if outside else tree or path.parent)
     if dialect == "thesis" or (dialect == "auto" and _is_thesis(path, blocks, codes)):
         types = {float(code): kind for kind, code in codes.items()}

@@ -9,6 +9,7 @@ from pathlib import Path
 
 from renderer.checked import existing_file, shortened
 from renderer.errors import InputError
+from renderer.files import read_bytes
 from renderer.mesh import UNNAMED
 from renderer.obj import decoded
 
@@ -16,7 +17,7 @@ FLOAT32_MAX = (2 - 2**-23) * 2.0**127
 
 Triple = tuple[float, float, float]
 
-_NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
+_NUMBER = r"[-+]?(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][-+]?\d+)?"
 _OPTION = re.compile(
     r"(?<!\S)-(?:(?:blendu|blendv|boost|cc|clamp|colorspace|imfchan|texres|type)\s+\S+"
     rf"|bm\s+{_NUMBER}|mm\s+{_NUMBER}\s+{_NUMBER}|[ost]\s+{_NUMBER}(?:\s+{_NUMBER}){{0,2}})(?!\S)"
@@ -89,7 +90,7 @@ def read_blocks(path: Path) -> list[Block]:
         InputError: the file cannot be read.
     """
     try:
-        text = decoded(path.read_bytes())
+        text = decoded(read_bytes(path))
     except (OSError, ValueError) as error:
         raise InputError(path, expected="a readable MTL file") from error
     blocks: dict[str, Block] = {}
@@ -164,8 +165,10 @@ def _safe_name(name: str) -> str:
 
 def distinct(names: list[str]) -> list[str]:
     """The names, those met before with _2, _3, … behind them."""
-    taken: list[str] = []
+    taken: dict[str, None] = {}
+    last: dict[str, int] = {}
     for name in names:
-        free = (f"{name}_{i}" if i > 1 else name for i in range(1, len(names) + 1))
-        taken.append(next(candidate for candidate in free if candidate not in taken))
-    return taken
+        numbers = ((i, f"{name}_{i}" if i > 1 else name) for i in range(last.get(name, 0) + 1, len(names) + 1))
+        last[name], free = next((i, candidate) for i, candidate in numbers if candidate not in taken)
+        taken[free] = None
+    return list(taken)

@@ -92,9 +92,10 @@ def plain_obj(data: bytes, unnamed: str) -> PlainObj:
         ValueError: an index that cannot be, or a vertex without its numbers.
     """
     text = decoded(data)
-    missing = [kind for kind in _KINDS[1:] if not re.search(rf"^\s*{kind}\s", text, re.MULTILINE)]
+    lines = re.sub(r"\\\r?\n", " ", text).splitlines()
+    missing = {*_KINDS[1:]} - {word for line in lines for word in line.split(maxsplit=1)[:1]}
     plain, material, named = PlainObj(), unnamed, {_OBJECT: unnamed, _GROUP: unnamed}
-    for line in re.sub(r"\\\r?\n", " ", text).splitlines():
+    for line in lines:
         key, *words = line.split() or [""]
         if key == "usemtl":
             material = " ".join(words) or unnamed

@@ -35,6 +35,7 @@ from renderer.checked import (
     unexpected,
 )
 from renderer.errors import InputError
+from renderer.files import read_text
 from renderer.images import ENCODING, ENCODING_HELP
 from renderer.lens_spec import LensSpec
 from renderer.mesh import Shape, Sphere, read_mesh
@@ -290,7 +291,7 @@ def load_toml(path: Path, what: str = "scene file") -> dict[str, Any]:
         InputError: it cannot be read, or is no TOML.
     """
     try:
-        return tomllib.loads(path.read_text("utf-8-sig"))  # Windows begins UTF-8 with a mark
+        return tomllib.loads(read_text(path, "utf-8-sig"))  # Windows begins UTF-8 with a mark
     except tomllib.TOMLDecodeError as error:
         told = re.fullmatch(r"(?P<reason>.*) \(at (?P<place>.*)\)", str(error), re.DOTALL)
         reason, place = told.group("reason", "place") if told else (str(error), "")

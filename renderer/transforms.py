@@ -11,6 +11,7 @@ from pydantic import ConfigDict, Field, PositiveFloat, Strict
 
 from renderer.checked import Checked, RigidMotion, check, existing_file, shortened
 from renderer.errors import InputError
+from renderer.files import read_text
 from renderer.samples import FORMATS
 
 OPENCV_MODELS = ("OPENCV", "PINHOLE", "SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL")
@@ -73,7 +74,7 @@ def read_transforms(path: Path, images: bool) -> list[dict[str, Any]]:
 
 def _load_json(path: Path) -> Any:
     try:
-        return json.loads(path.read_text("utf-8-sig"))
+        return json.loads(read_text(path, "utf-8-sig"))
     except json.JSONDecodeError as error:
         raise InputError(path, f"line {error.lineno}, column {error.colno}", expected=f"JSON ({error.msg})") from None
     except RecursionError:

@@ -7,6 +7,7 @@ import sys
 
 import numpy as np
 import pytest
+from PIL import Image as PillowImage
 
 from fitter import cli
 from renderer.images import read_image, write_exr
@@ -124,3 +125,16 @@ def test_a_check_that_fails_stops_no_fit(gold_scene, monkeypatch, capsys, tmp_pa
     assert "could not be checked (of the check)" in capsys.readouterr().err
     assert run(monkeypatch, *asked, "--no-check") in (0, 1)
     assert not capsys.readouterr().err
+
+
+def test_a_damaged_colour_profile_puts_nothing_before_the_json(gold_scene, monkeypatch, capfd):
+    """libpng warns of it, and Mitsuba would print that, in colours, to standard output."""
+    mask = gold_scene.with_name("mask.png")
+    height, width = read_image(gold_scene.with_name("view_0.exr")).radiance.shape[:2]
+    PillowImage.new("L", (width, height), 255).save(mask, icc_profile=b"no profile")
+    text = gold_scene.read_text(encoding="utf-8")
+    gold_scene.write_text(text.replace('image = "view_0.exr"', 'image = "view_0.exr"\nmask = "mask.png"'), "utf-8")
+    run(monkeypatch, "check", gold_scene, "--json", "--quiet")
+    printed = capfd.readouterr()
+    assert printed.err == ""
+    assert json.loads(printed.out).keys() == {"findings"}

@@ -18,6 +18,7 @@ from fitter.written import KNOWN, written_by_fit
 from renderer.atomic import write_text_atomically
 from renderer.checked import check
 from renderer.errors import InputError
+from renderer.files import read_text
 from renderer.replaceable import Replaceable
 
 FORMAT = 1
@@ -61,7 +62,7 @@ def write_record(folder: Path, scene: Path, key: str, worker: str, starts: int) 
 def read_record(folder: Path) -> Fitted | None:
     """The note in that folder; None where it is missing or damaged: then the scene is fitted again."""
     try:
-        return check(Fitted, json.loads((folder / RECORD).read_text(encoding="utf-8")), folder / RECORD)
+        return check(Fitted, json.loads(read_text(folder / RECORD, "utf-8")), folder / RECORD)
     except (OSError, ValueError, RecursionError, InputError):
         return None
 

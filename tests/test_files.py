@@ -1,0 +1,102 @@
+"""Files that never end, that wait for somebody, or that no memory holds: refused in one sentence, at once."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+
+import pytest
+
+from renderer import memory
+from renderer.errors import InputError
+from renderer.files import read_text
+from renderer.mesh import FORMATS, read_mesh
+from renderer.mtl import read_mtl
+from renderer.scene import read_scene
+from tests.special_files import KEYS
+
+
+@pytest.fixture(scope="module")
+def sentences(tmp_path_factory) -> dict[str, str]:
+    """What every reader says of a pipe and of /dev/zero; a process of its own, whose memory and time are limited."""
+    command = [sys.executable, "-m", "tests.special_files", str(tmp_path_factory.mktemp("special"))]
+    done = subprocess.run(command, capture_output=True, text=True, check=True, timeout=300)
+    return json.loads(done.stdout)
+
+
+@pytest.mark.parametrize(("special", "called"), [("pipe", "a named pipe"), ("zero", "a device")])
+def test_no_reader_opens_a_pipe_or_a_device(sentences, special, called):
+    found = {name: said for name, said in sentences.items() if name.endswith(f" {special}")}
+    assert len(found) > 30
+    for name, said in found.items():
+        if "scene's" not in name:
+            assert said.endswith(f": is {called}, expected a regular file"), name
+
+
+@pytest.mark.parametrize(("special", "called"), [("pipe", "a named pipe"), ("zero", "a device")])
+@pytest.mark.parametrize("key", KEYS)
+def test_a_scene_file_names_none_either(sentences, special, called, key):
+    said = sentences[f"scene's {key} {special}"]
+    assert said.startswith("scene.toml: ")
+    assert said.endswith(f": is a-{key}.png, expected a regular file, not {called}")
+
+
+@pytest.mark.parametrize(
+    ("name", "read"),
+    [*((f"a{ending}", read_mesh) for ending in FORMATS), ("a.mtl", read_mtl), ("scene.toml", read_scene)],
+)
+def test_a_file_that_memory_does_not_hold_is_not_read(name, read, tmp_path):
+    """A hole of a terabyte takes no room on the disk."""
+    path = tmp_path / name
+    with path.open("wb") as file:
+        file.truncate(10**12)
+    with pytest.raises(InputError) as refusal:
+        read(path)
+    assert str(refusal.value).startswith(f"{path}: expected what fits into memory: reading it takes 1e+03 GB, and ")
+    assert str(refusal.value).endswith(" GB are free")
+
+
+def test_text_is_read_as_python_reads_it(tmp_path):
+    path = tmp_path / "a.txt"
+    path.write_bytes(b"\xef\xbb\xbfa\r\nb\rc\n\n\xc3\xbc")
+    assert read_text(path, "utf-8-sig") == path.read_text("utf-8-sig")
+
+
+def test_the_memory_that_is_free_is_no_more_than_a_limit_leaves():
+    """By a process that has such a limit."""
+    code = (
+        "import resource; resource.setrlimit(resource.RLIMIT_AS, (10**9, 10**9));"
+        "from renderer.memory import available_memory; print(available_memory())"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert 0 < int(done.stdout) < 10**9
+
+
+VERSION_1 = {"memory.limit_in_bytes": "1000", "memory.usage_in_bytes": "700", "memory.stat": "total_inactive_file 50\n"}
+VERSION_2 = {"memory.max": "1000", "memory.current": "700", "memory.stat": "anon 1\ninactive_file 50\n"}
+BOUNDLESS = {"memory.max": "max", "memory.current": "1", "memory.stat": "inactive_file 0\n"}
+
+
+@pytest.mark.parametrize(
+    ("groups", "folder", "files"),
+    [
+        ("0::/mine/below\n", "mine", VERSION_2),
+        ("0::/\n", ".", VERSION_2),
+        ("4:memory:/docker/1f\n1:cpu:/\n0::/\n", "memory", VERSION_1),
+        ("4:memory:/docker/1f\n", "memory/docker/1f", VERSION_1),
+    ],
+)
+def test_a_control_group_leaves_its_limit_less_what_is_used_but_for_cached_files(groups, folder, files, tmp_path):
+    (tmp_path / "cgroup").write_text(groups)
+    (tmp_path / "root" / folder).mkdir(parents=True)
+    for name, text in files.items():
+        (tmp_path / "root" / folder / name).write_text(text)
+    (tmp_path / "root" / "mine" / "below").mkdir(parents=True, exist_ok=True)
+    for name, text in BOUNDLESS.items():
+        (tmp_path / "root" / "mine" / "below" / name).write_text(text)
+    assert list(memory.control_groups(tmp_path, tmp_path / "root")) == [350]
+
+
+def test_no_control_groups_leave_no_limit(tmp_path):
+    assert list(memory.control_groups(tmp_path, tmp_path)) == []
