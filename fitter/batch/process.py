@@ -1,7 +1,7 @@
 """A process of this machine's batch, from outside.
 
-It is reached through a pair of connected sockets that it inherits, so nobody else can reach it. Pools of processes, of
-the standard library and of loky, end altogether where one process dies, and those of `multiprocessing` import modules
+It is reached through a pair of connected sockets that it inherits, so nobody else can reach it. The pools of
+concurrent.futures and of loky end altogether where one process dies, and processes of `multiprocessing` import modules
 of the folder that is worked in before their own; hence `subprocess`, with the connections of `multiprocessing`.
 """
 
