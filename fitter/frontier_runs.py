@@ -107,7 +107,8 @@ class Experiment:
     def _fresh(self, rung: Rung, seed: int) -> Run:
         with unfinished_folder(self.folder) as out:
             options = ("--seed", str(seed), *self.options, *rung.options)
-            command = [sys.executable, "-m", "fitter.cli", "fit", str(self.scene), "-o", str(out), "--quiet", *options]
+            arguments = ("fit", str(self.scene), "-o", str(out), "--quiet", *options)
+            command = [sys.executable, "-P", "-m", "fitter.cli", *arguments]  # -P: no modules of the working folder
             ended = measured(command, out / "errors.txt")
             if ended.code == 2:
                 raise Refused(ended.last_words.removeprefix("fit-material: "))

@@ -8,12 +8,15 @@ from __future__ import annotations
 import os
 import pickle
 import signal
+import threading
+import time
 from pathlib import Path
 
 import pytest
 
 from fitter.batch import crew, process
 from fitter.batch.crew import DEATHS, Lost, local_fits
+from fitter.batch.interrupts import interrupts_held
 from fitter.batch.memory import group_limits, memory_limit
 from fitter.batch.worker import Ended, Task
 from fitter.fit_options import FitOptions
@@ -136,6 +139,25 @@ def test_ctrl_c_is_held_from_a_process_first_instruction_on(monkeypatch):
     held = [signal.SIGINT, signal.SIGTERM]
     assert str(lost.value) == f"the processes that fit cannot start: SIGABRT ({held})"
     assert signal.pthread_sigmask(signal.SIG_BLOCK, []) == set()  # here
+
+
+def test_interrupts_come_after_what_must_not_be_torn():
+    """Of several threads too, any of which the system may choose to take the signal."""
+    done = threading.Event()
+    waiting = threading.Thread(target=done.wait)
+    waiting.start()
+    steps = []
+    before = signal.signal(signal.SIGTERM, lambda number, frame: steps.append(signal.Signals(number).name))
+    try:
+        with interrupts_held():
+            os.kill(os.getpid(), signal.SIGTERM)
+            time.sleep(0.05)
+            steps.append("whole")
+        assert steps == ["whole", "SIGTERM"]
+    finally:
+        signal.signal(signal.SIGTERM, before)
+        done.set()
+        waiting.join()
 
 
 # How many

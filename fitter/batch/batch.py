@@ -14,6 +14,7 @@ from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 
+from fitter.batch.interrupts import interrupts_held
 from fitter.batch.record import RECORD, Fitted, earlier, key_of, read_record, replaceable_by_batch
 from fitter.batch.summary import Scene, Summary, outcome, untouched
 from fitter.batch.worker import Ended, Task
@@ -99,7 +100,8 @@ class Batch:
             progress(f"{len(names)} scenes", 0)
             with closing(crew.fits(tasks)) as outcomes:
                 for ended in outcomes:
-                    self._take(ended)
+                    with interrupts_held():  # what is in its place is in the log and in the summary
+                        self._take(ended)
                     done += 1
                     progress(f"{len(names)} scenes", done / len(names))
                     self._tell_now_and_then()

@@ -1,7 +1,7 @@
 """A process of this machine's batch, from outside.
 
-It is reached through a pair of connected sockets that it inherits, so nobody else can reach it. Pools of processes, of
-the standard library and of loky, end altogether where one process dies, and those of `multiprocessing` import modules
+It is reached through a pair of connected sockets that it inherits, so nobody else can reach it. The pools of
+concurrent.futures and of loky end altogether where one process dies, and processes of `multiprocessing` import modules
 of the folder that is worked in before their own; hence `subprocess`, with the connections of `multiprocessing`.
 """
 
@@ -12,11 +12,11 @@ import signal
 import subprocess
 import sys
 import tempfile
-from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager, suppress
+from contextlib import ExitStack, suppress
 from multiprocessing.connection import Connection, Pipe
 from typing import IO
 
+from fitter.batch.interrupts import interrupts_held
 from fitter.batch.worker import Ended, Task, is_about_memory
 
 SERVE = "import sys; sys.path[:] = sys.argv[2:]; from fitter.batch.child import serve; serve(int(sys.argv[1]))"
@@ -80,8 +80,8 @@ class Process:
 
     def end(self) -> None:
         """Whatever it does; returns at once."""
+        self._process.kill()  # first: it would say that its connection is gone
         self.connection.close()
-        self._process.kill()
 
     def wait(self) -> list[str]:
         """For the end of a process that was ended; the lines that it printed in all its time."""
@@ -101,7 +101,7 @@ def _begun(connection: Connection, output: IO[bytes]) -> subprocess.Popen[bytes]
     """A process that inherits its end of a connection, and prints there."""
     command = [sys.executable, "-P", "-c", SERVE, str(connection.fileno()), *sys.path]
     inherited = [connection.fileno()]
-    with _interrupts_held():
+    with interrupts_held():
         return subprocess.Popen(
             command, pass_fds=inherited, stdin=subprocess.DEVNULL, stdout=output, stderr=subprocess.STDOUT
         )
@@ -117,13 +117,3 @@ def _named(code: int) -> str:
         return signal.Signals(-code).name
     except ValueError:  # real-time signals have no names
         return f"signal {-code}"
-
-
-@contextmanager
-def _interrupts_held() -> Iterator[None]:
-    """Ctrl-C and SIGTERM come after the block; a process that is begun inside holds them from its first instruction."""
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT, signal.SIGTERM})
-    try:
-        yield
-    finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
