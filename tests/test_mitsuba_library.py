@@ -50,7 +50,7 @@ def test_threads_of_every_variant_load_mitsuba_s_own_plugins(hostile, variant):
 
 
 @pytest.mark.parametrize("surroundings", ["studio", "sunsky"])
-def test_synth_and_check_load_mitsuba_s_own_plugins(hostile, surroundings):
+def test_synth_and_plan_load_mitsuba_s_own_plugins(hostile, surroundings):
     run(hostile, "-m", "fitter.cli", "synth", "--metal", "Au", *SMALL, "--env", surroundings, "-o", "made", "--quiet")
     assert (hostile / "made" / "scene.toml").is_file()
     run(hostile, "-c", "from fitter.cli import app; app(['plan', 'made/scene.toml'], standalone_mode=False)")
