@@ -120,14 +120,17 @@ def fit(
 
 def demo(out: Out = Path("demo"), quiet: Quiet = False) -> None:
     """Photograph a gold ball with Mitsuba and fit it; needs no input."""
+    from fitter.outputs import output_names
     from fitter.true_material import true_material
+    from fitter.written import replaceable_by_fit
     from renderer.synth import SynthOptions, synthesise
 
     gold = true_material(metal="gold", alpha=0.15)
-    options = SynthOptions(gold, size=128, spp=512)
+    options, how = SynthOptions(gold, size=128, spp=512), FitOptions(type="metal")
+    replaceable_by_fit(out, ()).require(out, output_names("sphere", ["default"], how))
     with progress_bar(quiet) as progress:
         scene = synthesise(options, out / "photographs", progress)
-    code = _fit(scene, out, FitOptions(type="metal"), quiet, time.perf_counter())
+    code = _fit(scene, out, how, quiet, time.perf_counter())
     say(f"truth: {out / 'photographs' / 'truth.json'}")
     raise typer.Exit(code)
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
+from typing import Any
 
 
 def without_the_users_settings() -> None:
@@ -14,7 +15,7 @@ def without_the_users_settings() -> None:
 
 
 @contextmanager
-def own_settings(ours: Mapping[str, object]) -> Iterator[None]:
+def own_settings(ours: Mapping[Any, Any]) -> Iterator[None]:
     """Inside, what is drawn has matplotlib's defaults but for `ours`."""
     import matplotlib
 

@@ -167,6 +167,13 @@ def test_a_demo_can_be_made_twice(tmp_path, monkeypatch):
             demo(tmp_path / "demo", quiet=True)
 
 
+def test_a_demo_tells_of_a_users_file_before_its_photographs(tmp_path):
+    (tmp_path / "sphere.mtl").write_text("mine")
+    told = sentence(lambda: demo(tmp_path, quiet=True), tmp_path)
+    expected = "expected no file of that name, or one that the result.json there lists and nobody has changed"
+    assert told == f"-o: is {tmp_path / 'sphere.mtl'}, {expected}; move it, or name another place"
+
+
 # export
 
 EXPORT = "expected no file of that name, or one of the same content, or --replace; move it, or name another place"
