@@ -327,6 +327,15 @@ def experiment(tmp_path) -> Experiment:
     return Experiment(tmp_path / "scene.toml", (InputFile(path="a", sha256="0" * 64),), (), folder)
 
 
+def test_runs_take_no_module_of_the_working_folder(experiment, tmp_path, monkeypatch):
+    for name in ("typer", "torch", "fitter"):
+        (tmp_path / f"{name}.py").write_text(f"open({str(tmp_path / 'ran')!r}, 'w')")
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(InputError, match="scene.toml"):  # there is none
+        experiment.run(LADDER[0], 0)
+    assert not (tmp_path / "ran").exists()
+
+
 def test_a_run_is_kept_and_not_made_again(experiment, monkeypatch):
     made: list[tuple[str, int]] = []
 
