@@ -26,6 +26,7 @@ from renderer import transport
 from renderer.transport import LightTable
 from shaders.materials import Glossy, Metal
 from tests.modelled import Modelled, written
+from tests.soft_scene import soft_light
 
 
 def float64(*values: float) -> torch.Tensor:
@@ -105,6 +106,31 @@ def test_no_small_roughness_is_determined_by_other_seeds_and_roundings(tmp_path,
     assert_roughness_is_open(fitted(path, kind, seed=seed), alpha)
     monkeypatch.setattr(transport, "microfacet_table", lambda *a, **b: rounded_otherwise(made(*a, **b)))
     assert_roughness_is_open(fitted(path, kind, seed=seed), alpha)
+
+
+@pytest.mark.slow  # a fit, a look at all roughnesses, and a fit anew
+def test_a_roughness_that_only_a_look_at_all_of_them_shows_is_found(tmp_path):
+    """Under soft light the search ends at the least roughness, where its table shows nothing but noise; from there on
+    no slope leads to 0.03."""
+    gold = Metal(float64(0.2, 0.9, 1.3), float64(3.4, 2.6, 1.9), torch.tensor(0.03, dtype=torch.float64))
+    path = written(Modelled({"ball": gold}, soft_light(), azimuths=(0, 120), size=24), tmp_path)
+    part = fitted(path, "metal")
+    found = part.material
+    assert part.choice.fit.solution.status == "converged"
+    for value, error, true in zip(found.f0, found.stderr.f0, gold.f0.tolist(), strict=True):
+        assert abs(value - true) < 4 * error < 0.01
+    low, high = found.interval95.alpha
+    assert low - 0.001 < 0.03 < high + 0.001
+    assert high - low < 0.01
+
+
+@pytest.mark.slow  # the same
+def test_nothing_is_sure_of_a_roughness_that_is_not(tmp_path):
+    """The light that rough facets hide looks like a darker metal: F0 is not determined where the roughness is not."""
+    found = fitted(scene(tmp_path, "metal", 0.5), "metal").material
+    true = material("metal", 0.5).f0.tolist()
+    for value, known, (low, high) in zip(true, found.determined.f0, found.interval95.f0, strict=True):
+        assert not known or low < value < high
 
 
 CHILD = """
