@@ -13,6 +13,7 @@ from fitter.noise import relative_weight, scatter
 from fitter.residuals import ROBUST_AT, huber
 from fitter.result import MaterialType
 from fitter.search import Fit, Problem, draft, fit_material, refined
+from fitter.survey import surveyed
 
 KINDS: tuple[MaterialType, ...] = ("metal", "glossy", "matte")
 HOPELESS = 2.0  # times the least squared difference at the drafts' accuracy: no refinement makes up for that
@@ -45,7 +46,7 @@ class Choice:
 def fit_type(problem: Problem, kind: MaterialType | None) -> Choice:
     """Fit a material of the given type, or of the type that explains the pixels best."""
     if kind is not None:
-        return Choice(fit_material(problem, kind), {kind: 0.0})
+        return Choice(surveyed(problem, fit_material(problem, kind)), {kind: 0.0})
     drafts: dict[MaterialType, Fit] = {each: draft(problem, each) for each in KINDS}
     rough = _criteria(drafts)
     count = drafts["matte"].residuals.photograph.numel()
@@ -53,7 +54,7 @@ def fit_type(problem: Problem, kind: MaterialType | None) -> Choice:
     fits: dict[MaterialType, Fit] = {each: refined(problem, drafts[each]) for each in hopeful}
     criteria = _criteria(fits)
     best = min(criteria, key=criteria.__getitem__)
-    return Choice(fits[best], {**rough, **criteria})
+    return Choice(surveyed(problem, fits[best]), {**rough, **criteria})
 
 
 def _is_hopeful(kind: MaterialType, rough: Mapping[MaterialType, float], count: int) -> bool:

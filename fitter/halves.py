@@ -103,10 +103,11 @@ class Halves:
 
 
 def stands_out(information: Float[Tensor, " x"], noise: Float[Tensor, "p x"]) -> Bool[Tensor, " x"]:
-    """Whether information differs from what the slopes' noise would make by chance: instruments too weak are none.
+    """Whether information differs from what the slopes' noise would make by chance: weak instruments are none
+    [Staiger & Stock 1997].
 
-    The product of slopes that are independent noise of length e in each pixel varies by ⟨(e_A · e_B)²⟩, and half their
-    difference has ⟨|e|⁴⟩ = ¼(tr² C + 2 tr C²) in the place of tr C² [Staiger & Stock 1997; Isserlis 1918].
+    The product of two slopes that are independent normal noise of variance v varies by v², and the square of half their
+    difference has a mean square of ¾ v²; of several channels, of which it takes the sum, more.
 
     Args:
         information: the sum over pixels of products of independent slopes.

@@ -64,6 +64,8 @@ def reported(fit: Fit) -> tuple[Fit, Spread]:
     theirs and of the numbers that follow them: the second moment about 1 of their normal distribution, cut off there.
     """
     coordinates, uncertainty = fit.residuals.coordinates, spread(fit.residuals, fit.x)
+    if fit.alike is not None:
+        return fit, replace(uncertainty, covariance=uncertainty.covariance + fit.alike.covariance)
     if not isinstance(coordinates, MatteCoordinates):
         return fit, uncertainty
     held = coordinates.beyond_lambert(fit.x)

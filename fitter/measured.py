@@ -10,7 +10,6 @@ from typing import Any
 from torch import Tensor
 
 from fitter.fidelity import BLUR_RANGE, MICROFACET_RANGE
-from fitter.parameters import Interval
 from fitter.pixel_model import ViewerPixels
 from fitter.profile import intervals
 from fitter.result import CHANNELS
@@ -97,12 +96,20 @@ def measured(fit: Fit, spread: Spread, key: str) -> list[Measured]:
         for value, error, low, high in rows
     ]
     if key == "roughness":
-        found = [beyond_span(each, coordinates.roughness) for each in found]
+        found = [roughness_of(fit, each) for each in found]
     return [each.within(*domain) for each, domain in zip(found, _domains(fit, key), strict=True)]
 
 
-def beyond_span(number: Measured, span: Interval | None) -> Measured:
-    """A roughness whose interval fills the light table's span, where it had to end, has a symmetric one instead."""
+def roughness_of(fit: Fit, number: Measured) -> Measured:
+    """A roughness as its free number tells it, which knows nothing beyond the light table's span.
+
+    Where the picture does not change with it, its interval is that of all that explain the photographs as well. One
+    that fills the span, where it had to end, has a symmetric one instead.
+    """
+    if fit.alike is not None:
+        low, high = fit.alike.span
+        return Measured(number.value, (high - low) / math.sqrt(12), (min(low, number.value), max(high, number.value)))
+    span = fit.residuals.coordinates.roughness
     assert span is not None
     if number.stderr is None or number.within(span.low, span.high).stderr is not None:
         return number

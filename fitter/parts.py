@@ -234,7 +234,7 @@ def _part(index: int, name: str, observed: Observations, choice: Choice, setting
         rho = viewer_roughness(observed.measured, setting.viewers, fit.material, tint)
     borrowed = borrow(fit, uncertainty, prior)
     material = fitted_material(name, fit, uncertainty, rho, nearest, borrowed)
-    seen = seen_by(fit, observed, guessed(fit, uncertainty), uncertainty)
+    seen = seen_by(fit, observed, guessed(fit, uncertainty))
 
     def described(material: FittedMaterial) -> str:
         return describe(choice, material, seen, borrowed)

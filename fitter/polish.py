@@ -188,13 +188,13 @@ def polished(problem: Problem, fit: Fit, scene: DifferentiableScene) -> Polish:
         fit: where to begin.
         scene: the object in Mitsuba, the fitted metal the one that may change.
     """
-    seed = PATHS_SEED + problem.setting.seed
+    seed, alike = PATHS_SEED + problem.setting.seed, fit.alike
     for span in (WIDE, WIDE, problem.fidelity.spans[-1]):
         setting = replace(problem.setting, fidelity=replace(problem.fidelity, spans=(span,)))
         added = _traced(problem, _metal(fit), scene, seed)
         means = (problem.observed, setting, problem.solver, problem.progress, added)
         fit = refined(PolishedProblem(*means, nuisances=problem.nuisances), fit)
-    return Polish(_settled(problem, fit, scene, seed), scene, seed)
+    return Polish(replace(_settled(problem, fit, scene, seed), alike=alike), scene, seed)
 
 
 def _settled(problem: Problem, fit: Fit, scene: DifferentiableScene, seed: int) -> Fit:

@@ -10,6 +10,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
+from fitter.alike import Alike
 from fitter.catalogue import read_catalogue
 from fitter.condensed import Condensed, condensed, solved
 from fitter.fidelity import Fidelity
@@ -45,12 +46,14 @@ class Fit:
         solution: how the last round's solver ended.
         x: the free vector that was found: the solution, freed of the bias that noise in the table brings.
         solve_seconds: time spent in solvers, over all rounds.
+        alike: what it may as well be; None where that was not asked for, or its error says all.
     """
 
     residuals: Residuals
     solution: Solution
     x: Float[Tensor, " x"]
     solve_seconds: float
+    alike: Alike | None = None
 
     @property
     def material(self) -> Material:
@@ -102,7 +105,7 @@ def _degrees(fit: Fit) -> float:
     return float(fit.x[-1])
 
 
-def _facing(problem: Problem, fit: Fit) -> Problem:
+def facing(problem: Problem, fit: Fit) -> Problem:
     """The problem with the environment as the fit has it turned, if that is unknown."""
     return problem if not problem.scanned else problem.about(Turn(_degrees(fit), STEPS[-1]))
 
@@ -146,16 +149,16 @@ def refined(problem: Problem, rough: Fit) -> Fit:
 
 def anew(problem: Problem, fit: Fit) -> Fit:
     """The fit of a problem next to whose solution another one's lies, by the finest tables alone."""
-    return _last(_finest(_facing(problem, fit), fit))
+    return _last(_finest(facing(problem, fit), fit))
 
 
 def _refinements(problem: Problem, fit: Fit) -> Iterator[Fit]:
-    problem = _facing(problem, fit)
+    problem = facing(problem, fit)
     coarse, fidelity = problem.coarse, problem.fidelity
     samples = min(fidelity.samples, MIDWAY * fidelity.search_samples)
     for factor in fidelity.spans[:-1] if fit.material.type != "matte" else ():
-        span = _span_around(_roughness(fit), factor, problem.whole)
-        fit = _next_round(coarse, fit, coarse.table(span, fidelity.levels, samples, "integrating"))
+        span = _span_around(roughness_of(fit), factor, problem.whole)
+        fit = next_round(coarse, fit, coarse.table(span, fidelity.levels, samples, "integrating"))
         yield fit
     yield from _finest(problem, fit)
 
@@ -163,27 +166,27 @@ def _refinements(problem: Problem, fit: Fit) -> Iterator[Fit]:
 def _finest(problem: Problem, fit: Fit) -> Iterator[Fit]:
     if fit.material.type == "matte":
         for _ in range(1 + MORE_ROUNDS):
-            fit = _next_round(problem, fit, None)
+            fit = next_round(problem, fit, None)
             yield fit
             if not _turned_away(fit):
                 return
-            problem = _facing(problem, fit)
+            problem = facing(problem, fit)
         return
     fidelity = problem.fidelity
     for left in range(MORE_ROUNDS, -1, -1):
-        span = _span_around(_roughness(fit), fidelity.spans[-1], problem.whole)
+        span = _span_around(roughness_of(fit), fidelity.spans[-1], problem.whole)
         table = problem.table(span, fidelity.levels, fidelity.samples, "integrating")
-        fit = _next_round(problem, fit, table, everywhere=True)
-        at_an_end = _at_an_end(_roughness(fit), span, problem.whole)
-        if at_an_end and not left and _is_roughness_resolved(fit):
+        fit = next_round(problem, fit, table, everywhere=True)
+        at_an_end = _at_an_end(roughness_of(fit), span, problem.whole)
+        if at_an_end and not left and is_roughness_resolved(fit):
             fit = replace(fit, solution=replace(fit.solution, status="stopped"))
         yield fit
         if not at_an_end and not _turned_away(fit):
             break
-        problem = _facing(problem, fit)
+        problem = facing(problem, fit)
 
 
-def _next_round(problem: Problem, before: Fit, table: LightTable | None, everywhere: bool = False) -> Fit:
+def next_round(problem: Problem, before: Fit, table: LightTable | None, everywhere: bool = False) -> Fit:
     """The next problem, its noise taken from the differences to the material found so far, and its solution.
 
     A round that shall say what the material is, and not only where to look, looks for its n and k everywhere.
@@ -249,7 +252,7 @@ def _interval(table: LightTable) -> Interval:
     return Interval(table.low, table.high, table.scale == "log")
 
 
-def _roughness(fit: Fit) -> float:
+def roughness_of(fit: Fit) -> float:
     material = fit.material
     return 0.0 if material.type == "matte" else float(material.roughness)
 
@@ -261,9 +264,11 @@ def _span_around(roughness: float, factor: float, whole: tuple[float, float]) ->
     return centre / factor, centre * factor
 
 
-def _is_roughness_resolved(fit: Fit) -> bool:
-    """Whether the picture changes with the roughness by more than its own error."""
+def is_roughness_resolved(fit: Fit) -> bool:
+    """Whether the picture changes with the roughness by more than its own error; so it is where there is none of it."""
     residuals = fit.residuals
+    if residuals.model.table is None or residuals.model.table.light.shape[1] == 1:
+        return True
     halves = Halves.at(fit.x, residuals, residuals.robust_whitening(fit.x))
     return bool(halves.resolved[residuals.coordinates.size - 1])
 

@@ -20,10 +20,11 @@ from fitter.choice import Choice, fit_type
 from fitter.derivative import jacobian
 from fitter.fidelity import Fidelity
 from fitter.lambertian import reported
-from fitter.measured import QUANTITIES, Measured, beyond_span, name_of
+from fitter.measured import QUANTITIES, Measured, name_of, roughness_of
 from fitter.result import MaterialType, Rung, Tolerance
 from fitter.search import Fit, Problem, anew
 from fitter.summary import rule
+from fitter.survey import surveyed
 from fitter.uncertainty import integration_share, intervals95, is_determined, standard_errors
 from renderer.errors import InputError
 
@@ -207,7 +208,7 @@ def ascend(
         if further is None:
             break
         problem = problem_at(further.of(fidelity))
-        choice = replace(choice, fit=anew(problem, choice.fit))
+        choice = replace(choice, fit=surveyed(problem, anew(problem, choice.fit)))
     left = outlook.foreseen(outlook.most())
     hopeless = {name: float(each) for name, each in zip(outlook.names, left, strict=True) if each > tolerance}
     return Ascent(tolerance, begun, choice, problem, tuple(rungs), hopeless)
@@ -231,7 +232,7 @@ def outlook_of(fit: Fit, problem: Problem) -> Outlook:
         for channel, (number, *ends) in enumerate(zip(value.tolist(), low.tolist(), high.tolist(), strict=True)):
             told = Measured(number, float(error[channel]), (ends[0], ends[1]))
             if key == "roughness":
-                told = beyond_span(told, coordinates.roughness)
+                told = roughness_of(fit, told)
             assert told.interval is not None
             if number > 0 and is_determined(rule(kind, key), number, told.interval):
                 names.append(name_of(fit, key, channel if len(value) == 3 else None))

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import torch
-from jaxtyping import Bool, Float
+from jaxtyping import Float
 from torch import Tensor
 
 from fitter.derivative import Function, jacobian
@@ -53,11 +53,9 @@ class Spread:
 
     Attributes:
         covariance: float64 [x, x]; very large where a direction is not determined, never infinite.
-        resolved: which free numbers change the picture by more than its own error; None where all are taken to do so.
     """
 
     covariance: Float[Tensor, "x x"]
-    resolved: Bool[Tensor, " x"] | None = None
 
 
 def unbiased(residuals: Residuals, x: Float[Tensor, " x"]) -> Float[Tensor, " x"]:
@@ -119,7 +117,7 @@ def spread(residuals: Residuals, x: Float[Tensor, " x"]) -> Spread:
     freedom = len(scores) / max(1, len(scores) - len(x))
     inverse = inverse_of(halves.information)
     scattered = scores.T @ scores * freedom + halves.of_prior.T @ halves.of_prior
-    return Spread(inverse @ scattered @ inverse + halves.unknown, halves.resolved)
+    return Spread(inverse @ scattered @ inverse + halves.unknown)
 
 
 def integration_share(residuals: Residuals, x: Float[Tensor, " x"]) -> float:

@@ -13,7 +13,6 @@ from fitter.parameters import Coordinates, MetalCoordinates
 from fitter.result import CHANNELS, FittedMaterial
 from fitter.search import Fit
 from fitter.selection import Observations
-from fitter.uncertainty import Spread
 
 PARAMETERS = ("f0", "n", "k", "color", "alpha")
 GRAZING = 60.0  # degrees: from there on metals of equal F0 differ
@@ -47,7 +46,7 @@ class Seen:
     alike: bool = False
 
 
-def seen_by(fit: Fit, observed: Observations, guessed: tuple[str, ...] = (), spread: Spread | None = None) -> Seen:
+def seen_by(fit: Fit, observed: Observations, guessed: tuple[str, ...] = ()) -> Seen:
     """What the photographs offered to the fit, but for bounds."""
     observed, picture = observed.measured, fit.picture[fit.residuals.is_measured]
     cosine = observed.surface.n_dot_v.double().flatten(1).mean(1)
@@ -58,14 +57,8 @@ def seen_by(fit: Fit, observed: Observations, guessed: tuple[str, ...] = (), spr
     ratio = ((observed.radiance - picture) / level)[told]
     red, green, blue = ratio.abs().quantile(ONE_SIGMA, 0).tolist()
     f0_only = sees_f0_only(fit.residuals.coordinates)
-    alike = spread is not None and not is_roughness_resolved(fit, spread)
+    alike = fit.alike is not None
     return Seen(len(angle), int(beyond.sum()), float(angle.max()), (red, green, blue), f0_only, guessed, alike)
-
-
-def is_roughness_resolved(fit: Fit, spread: Spread) -> bool:
-    """Whether the picture changes with the roughness by more than its own error."""
-    coordinates = fit.residuals.coordinates
-    return coordinates.roughness is None or spread.resolved is None or bool(spread.resolved[coordinates.size - 1])
 
 
 def sees_f0_only(coordinates: Coordinates) -> bool:

@@ -54,6 +54,11 @@ class LightTable:
     high: float
     scale: Literal["linear", "log"]
 
+    @property
+    def roughnesses(self) -> list[float]:
+        """Of the levels."""
+        return levels(self.low, self.high, self.light.shape[1], self.scale)
+
     def half(self, which: int) -> LightTable:
         """The table of one half of the samples: what another, cheaper integration would have found."""
         return LightTable(self.light[which : which + 1], self.low, self.high, self.scale)

@@ -15,7 +15,7 @@ from fitter.condensed import solved
 from fitter.fidelity import PRESETS, Fidelity, preset
 from fitter.nearest import nearest_metals
 from fitter.parameters import TINTS
-from fitter.search import Problem, fit_material
+from fitter.search import Problem, anew, fit_material
 from fitter.selection import Observations
 from fitter.setting import Setting
 from fitter.solve import SOLVERS
@@ -182,6 +182,22 @@ def test_the_nearest_metal_is_the_one_that_was_photographed(light):
     nearest = nearest_metals(fit.x, fit.residuals.coordinates, spread(fit.residuals, fit.x))
     assert nearest[0].name == "gold"
     assert [each.distance for each in nearest] == sorted(each.distance for each in nearest)
+
+
+@pytest.mark.parametrize("wrong", [0.1, 0.8])
+def test_a_roughness_that_leaves_the_last_table_is_not_found(light, wrong):
+    """From there, tables that reach a tenth further each time end before the true 0.3."""
+    elsewhere, there = (problem_of(gold(alpha), surface_of(24, 2), light, preset("preview")) for alpha in (wrong, 0.3))
+    fit = anew(there, fit_material(elsewhere, "metal"))
+    assert abs(math.log(float(fit.material.roughness) / 0.3)) > 0.1
+    assert fit.solution.status == "stopped"
+
+
+def test_no_radius_of_the_viewer_is_determined_in_light_that_is_everywhere_the_same():
+    light = Environment(torch.ones(8, 16, 3))
+    observed = problem_of(gold(0.02), surface_of(24, 2), light, preset("preview")).observed
+    found = viewer_roughness(observed, surroundings(light), gold(0.02))
+    assert found.stderr == math.inf
 
 
 @pytest.mark.parametrize("kind", ["metal", "glossy"])

@@ -28,6 +28,7 @@ class Line:
     seen: torch.Tensor
     whitening: torch.Tensor
     halves: tuple[Line, ...] = ()
+    rounding: torch.Tensor | None = None
     table: tuple = ()
     width: float = math.inf
     clusters: torch.Tensor | None = None
@@ -38,7 +39,7 @@ class Line:
 
     @property
     def rounded(self) -> Line:
-        return self
+        return self if self.rounding is None else replace(self, design=self.design * (1 + self.rounding))
 
     def difference(self, x):
         return (self.design @ x)[:, None] - self.seen
@@ -164,6 +165,52 @@ def test_an_unseen_direction_has_a_huge_and_finite_error():
     assert errors[0] < 0.02
     assert errors[1] > 1e5
     assert errors.isfinite().all()
+
+
+def in_two_halves(pixels: int, of_noise: float, signal: float = 0.0) -> Any:
+    """y = 2 + 0.1 of noise, by a constant and a number of which two halves show a signal and noise of their own."""
+    shown = signal * (-1.0) ** torch.arange(pixels, dtype=torch.float64)[:, None]
+    designs = [torch.cat([torch.ones_like(shown), shown + of_noise * noise(pixels, 1)], 1) for _ in range(2)]
+    seen = 2 + 0.1 * noise(pixels, 3)
+    return line(seen, (designs[0] + designs[1]) / 2, halves=tuple(line(seen, each) for each in designs))
+
+
+@pytest.mark.parametrize("of_noise", [1e-9, 1e-3, 1.0])
+def test_a_slope_that_is_noise_determines_nothing(of_noise):
+    """However small or large it is; what it resembles by chance stays known: the constant, to 0.1/√(3·300)."""
+    for _ in range(50):
+        found = spread(in_two_halves(300, of_noise), torch.tensor([2.0, 0.0], dtype=torch.float64))
+        of_constant, of_noisy = found.covariance.diagonal().sqrt()
+        assert of_noisy > 1e6 / of_noise / math.sqrt(3 * 300)
+        assert of_constant.item() == pytest.approx(0.1 / math.sqrt(3 * 300), rel=0.3)  # a scatter of 300: 6 sigma
+
+
+def test_a_slope_that_stands_out_of_its_noise_is_known():
+    """A slope s of 1 in as much noise e of each half: var = ⟨(s + ē)²⟩ σ²/⟨s²⟩² = 1.5 σ² of what it were without."""
+    found = spread(in_two_halves(30_000, 1.0, 1.0), torch.tensor([2.0, 0.0], dtype=torch.float64))
+    expected = math.sqrt(1.5) * 0.1 / math.sqrt(3 * 30_000)
+    assert found.covariance[1, 1].sqrt().item() == pytest.approx(expected, rel=0.05)
+
+
+def test_a_slope_within_the_tables_rounding_determines_nothing():
+    """Both halves agree about it, and yet it is that of numbers that another processor rounds otherwise."""
+    design = torch.stack([torch.ones_like(X), 1e-7 * noise(200)], 1)
+    seen = 2 + 0.1 * noise(200, 3)
+    own = torch.stack([torch.zeros_like(X), torch.ones_like(X)], 1)  # of the second number's slope: all of it
+    half = replace(line(seen, design), rounding=own)
+    found = spread(line(seen, design, halves=(half, half)), torch.tensor([2.0, 0.0], dtype=torch.float64))
+    assert found.covariance[1, 1].sqrt() > 1e10
+
+
+@pytest.mark.parametrize("unit", [1e-12, 1e12])
+def test_no_unit_is_rounding_beside_another(unit):
+    """A number in a unit 10¹² times as small has 10¹² times the error, and no other one, in 24 decades of variance."""
+    seen = 2 + 3 * X[:, None] + 0.1 * noise(200, 3)
+    x = least_squares(seen)
+    scale = torch.tensor([1.0, unit], dtype=torch.float64)
+    plain, scaled = spread(line(seen), x), spread(line(seen, DESIGN * scale), x / scale)
+    errors, of_scaled = (each.covariance.diagonal().sqrt() for each in (plain, scaled))
+    torch.testing.assert_close(of_scaled * scale, errors, rtol=1e-9, atol=0)
 
 
 def test_nothing_seen_at_all_is_finite():

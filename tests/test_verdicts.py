@@ -65,6 +65,16 @@ def test_alpha_has_no_channel_and_no_angle():
     assert told == [expected]
 
 
+def test_a_roughness_that_no_light_shows_has_a_reason_of_its_own():
+    open_alpha = Determined(alpha=False)
+    found = material(determined=open_alpha, interval95=Intervals(alpha=(0.005, 1.2)))
+    expected = (
+        "By these photographs alpha lies anywhere in 0.005…1.2: in this light the picture changes with it by no more"
+        " than its own error."
+    )
+    assert verdicts(found, replace(GOOD, alike=True)) == [expected]
+
+
 def test_nothing_is_said_where_all_is_determined():
     all_known = RED_OPEN.model_copy(update={"k": (True, True, True)})
     assert verdicts(material(determined=all_known), GOOD) == []
