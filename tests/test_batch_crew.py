@@ -17,7 +17,6 @@ import pytest
 from fitter.batch import crew, process
 from fitter.batch.crew import DEATHS, Lost, local_fits
 from fitter.batch.interrupts import interrupts_held
-from fitter.batch.memory import group_limits, memory_limit
 from fitter.batch.worker import Ended, Task
 from fitter.fit_options import FitOptions
 
@@ -172,31 +171,3 @@ def test_workers_are_as_many_as_scenes_cores_and_memory_serve(monkeypatch):
         4,
         1,
     ]
-
-
-def test_memory_is_at_most_the_machine_s():
-    text = Path("/proc/meminfo").read_text() if Path("/proc/meminfo").exists() else ""
-    if not text:
-        pytest.skip("no /proc/meminfo to compare with")
-    assert 0 < memory_limit() <= int(text.split()[1]) * 1024
-
-
-@pytest.mark.parametrize(
-    ("own", "files", "limits"),
-    [
-        ("0::/a/b\n", {"a/b/memory.max": "max", "a/memory.max": "5000", "memory.max": "9000"}, {5000, 9000}),
-        ("0::/\n", {"memory.max": "7000"}, {7000}),
-        ("4:cpu:/x\n9:memory,hugetlb:/a\n", {"memory/a/memory.limit_in_bytes": "6000", "x/memory.max": "1"}, {6000}),
-        ("9:memory:/docker/0a1b\n", {"memory/memory.limit_in_bytes": "8000", "memory.max": "1"}, {8000}),
-        (None, {"memory.max": "1"}, set()),
-    ],
-    ids=["version 2", "version 2, a container", "version 1", "version 1, a container", "no Linux"],
-)
-def test_a_control_group_limits_memory(tmp_path, own, files, limits):
-    for name, text in files.items():
-        path = tmp_path / "groups" / name
-        path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_text(text + "\n")
-    if own is not None:
-        (tmp_path / "own").write_text(own)
-    assert set(group_limits(tmp_path / "groups", tmp_path / "own")) == limits

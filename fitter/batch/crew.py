@@ -8,9 +8,9 @@ from collections.abc import Generator, Iterator, Sequence
 from contextlib import closing
 from multiprocessing.connection import Connection, wait
 
-from fitter.batch.memory import memory_limit
 from fitter.batch.process import Process
 from fitter.batch.worker import Ended, Task
+from renderer.memory import memory_limit
 from renderer.threads import cores
 
 DEATHS = 2  # of processes by one scene, after which it is not tried again; and of processes that only start
