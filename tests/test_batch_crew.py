@@ -10,6 +10,7 @@ import pickle
 import signal
 import threading
 import time
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
@@ -130,31 +131,67 @@ def test_no_process_is_left_where_the_caller_stops(monkeypatch, tmp_path):
             os.kill(number, 0)
 
 
+@pytest.fixture
+def hang_up() -> Iterator[Callable[[int], object]]:
+    """Sets what SIGHUP does, until the end of a test: of `nohup` the tests themselves may inherit that it is ignored."""
+    before = signal.signal(signal.SIGHUP, signal.SIG_DFL)
+    yield lambda action: signal.signal(signal.SIGHUP, action)
+    signal.signal(signal.SIGHUP, before)
+
+
+@pytest.mark.usefixtures("hang_up")
 def test_ctrl_c_is_held_from_a_process_first_instruction_on(monkeypatch):
-    """It would print a traceback wherever it was; SIGTERM is let in later."""
+    """It would print a traceback wherever it was; SIGTERM and SIGHUP are let in later."""
     child = "say(sorted(signal.pthread_sigmask(signal.SIG_BLOCK, []))); os.abort()"
     with pytest.raises(Lost) as lost:
         ended(monkeypatch, child)
-    held = [signal.SIGINT, signal.SIGTERM]
+    held = [signal.SIGHUP, signal.SIGINT, signal.SIGTERM]
     assert str(lost.value) == f"the processes that fit cannot start: SIGABRT ({held})"
     assert signal.pthread_sigmask(signal.SIG_BLOCK, []) == set()  # here
 
 
-def test_interrupts_come_after_what_must_not_be_torn():
+def test_under_nohup_a_process_ignores_that_the_terminal_is_closed(monkeypatch, hang_up):
+    """From its first instruction on, and what starts it does so still."""
+    hang_up(signal.SIG_IGN)
+    child = "held = sorted(signal.pthread_sigmask(signal.SIG_BLOCK, [])); say((signal.getsignal(1), held)); os.abort()"
+    with pytest.raises(Lost) as lost:
+        ended(monkeypatch, child)
+    expected = (signal.SIG_IGN, [signal.SIGINT, signal.SIGTERM])
+    assert str(lost.value) == f"the processes that fit cannot start: SIGABRT ({expected})"
+    assert signal.getsignal(signal.SIGHUP) == signal.SIG_IGN
+
+
+@pytest.mark.skipif(not Path("/proc/self/status").exists(), reason="blocked signals are looked up in /proc")
+@pytest.mark.usefixtures("hang_up")
+def test_a_process_that_fits_holds_ctrl_c_alone():
+    """As the system's list of its signals has it, once it has loaded what a fit needs."""
+    own = process.Process()
+    try:
+        assert own.take() is None
+        status = Path(f"/proc/{own._process.pid}/status").read_text()
+    finally:
+        own.end()
+        own.wait()
+    blocked = next(int(line.split()[1], 16) for line in status.splitlines() if line.startswith("SigBlk:"))
+    assert blocked == 1 << (signal.SIGINT - 1)
+
+
+@pytest.mark.parametrize("sent", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP], ids=lambda each: each.name)
+def test_interrupts_come_after_what_must_not_be_torn(sent):
     """Of several threads too, any of which the system may choose to take the signal."""
     done = threading.Event()
     waiting = threading.Thread(target=done.wait)
     waiting.start()
     steps = []
-    before = signal.signal(signal.SIGTERM, lambda number, frame: steps.append(signal.Signals(number).name))
+    before = signal.signal(sent, lambda number, frame: steps.append(signal.Signals(number).name))
     try:
         with interrupts_held():
-            os.kill(os.getpid(), signal.SIGTERM)
+            os.kill(os.getpid(), sent)
             time.sleep(0.05)
             steps.append("whole")
-        assert steps == ["whole", "SIGTERM"]
+        assert steps == ["whole", sent.name]
     finally:
-        signal.signal(signal.SIGTERM, before)
+        signal.signal(sent, before)
         done.set()
         waiting.join()
 

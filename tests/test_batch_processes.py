@@ -202,11 +202,14 @@ def maps(process: int) -> str:
         ("a process begins", 0.5, signal.SIGINT),
         pytest.param("a process begins", 1.0, signal.SIGINT, marks=pytest.mark.slow),
         ("a process begins", 0.2, signal.SIGTERM),
+        ("a process begins", 0.0, signal.SIGHUP),
+        pytest.param("a process begins", 0.5, signal.SIGHUP, marks=pytest.mark.slow),
+        ("both fit", 0.0, signal.SIGHUP),
         ("both fit", 0.0, signal.SIGINT),
     ],
 )
 def test_ctrl_c_is_quiet_and_ends_all_processes(two_scenes, tmp_path, moment, later, sent):
-    """Whenever it comes; it reaches the batch's own processes as well."""
+    """Whenever it comes, and so are SIGTERM and a closed terminal's SIGHUP; it reaches the batch's own processes as well."""
     batch = Running(two_scenes, tmp_path)
     batch.wait_until(lambda: MOMENTS[moment](batch))
     time.sleep(later)
