@@ -47,7 +47,7 @@ def tasks(names: str) -> list[Task]:
         ("os.kill(os.getpid(), signal.SIGSEGV)", "SIGSEGV"),
         ("say('LLVM ERROR: Cannot select'); say(' #0 stack'); os.abort()", "SIGABRT (LLVM ERROR: Cannot select)"),
         ("say('terminate called …'); say('  what():  std::bad_alloc'); os.abort()", "SIGABRT, out of memory"),
-        ("say('Traceback'); say('ValueError: \\033[31mred'); os._exit(3)", "exit code 3 (ValueError: [31mred)"),
+        ("say('Traceback'); say('ValueError: \\033[31mred'); os._exit(3)", r"exit code 3 (ValueError: \x1b[31mred)"),
         ("say('x' * 1000); os.abort()", f"SIGABRT ({'x' * 200})"),
         ("signal.signal(34, signal.SIG_DFL); os.kill(os.getpid(), 36)", "signal 36"),
     ],
@@ -133,7 +133,7 @@ def test_no_process_is_left_where_the_caller_stops(monkeypatch, tmp_path):
 
 @pytest.fixture
 def hang_up() -> Iterator[Callable[[int], object]]:
-    """Sets what SIGHUP does, until the end of a test: of `nohup` the tests themselves may inherit that it is ignored."""
+    """Sets what SIGHUP does until the end of a test; the tests themselves may run under `nohup`."""
     before = signal.signal(signal.SIGHUP, signal.SIG_DFL)
     yield lambda action: signal.signal(signal.SIGHUP, action)
     signal.signal(signal.SIGHUP, before)

@@ -18,6 +18,7 @@ from typing import IO
 
 from fitter.batch.interrupts import interrupts_held
 from fitter.batch.worker import Ended, Task, is_about_memory
+from renderer.printable import printable
 
 SERVE = "import sys; sys.path[:] = sys.argv[2:]; from fitter.batch.child import serve; serve(int(sys.argv[1]))"
 GRACE = 5.0  # seconds for a process that has closed its connection to end
@@ -90,11 +91,11 @@ class Process:
             return self._lines(0)
 
     def _lines(self, begin: int) -> list[str]:
-        """Without what would move the terminal's cursor; `pread` does not move the place where the process writes."""
+        """With what would move the terminal's cursor spelled out; `pread` does not move the place where the process writes."""
         size = os.fstat(self._output.fileno()).st_size
         text = os.pread(self._output.fileno(), size - begin, begin).decode(errors="replace")
-        lines = (" ".join(line.split()) for line in text.splitlines())
-        return ["".join(filter(str.isprintable, line)) for line in lines if line]
+        lines = (printable(" ".join(line.split())) for line in text.splitlines())
+        return [line for line in lines if line]
 
 
 def _begun(connection: Connection, output: IO[bytes]) -> subprocess.Popen[bytes]:
