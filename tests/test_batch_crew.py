@@ -15,10 +15,12 @@ from pathlib import Path
 
 import pytest
 
+from fitter import pipeline
 from fitter.batch import crew, process
 from fitter.batch.crew import DEATHS, Lost, local_fits
 from fitter.batch.interrupts import interrupts_held
-from fitter.batch.worker import Ended, Task
+from fitter.batch.record import key_of
+from fitter.batch.worker import Ended, Task, fit_one
 from fitter.fit_options import FitOptions
 
 CONNECTED = """
@@ -194,6 +196,20 @@ def test_interrupts_come_after_what_must_not_be_torn(sent):
         signal.signal(sent, before)
         done.set()
         waiting.join()
+
+
+def test_a_fit_that_gets_no_thread_is_no_internal_error(monkeypatch, tmp_path):
+    """Python's own words, where a limit of memory leaves none for a stack, or one of processes is reached."""
+
+    def refuse(*arguments, **options):
+        raise RuntimeError("can't start new thread")
+
+    monkeypatch.setattr(pipeline, "fit_scene", refuse)
+    folder = tmp_path / "unfinished"
+    folder.mkdir()
+    task = Task("a", tmp_path / "scene.toml", FitOptions(), key_of(FitOptions()), folder, "")
+    reason = "not enough memory, or too many processes, for this fit (can't start new thread)"
+    assert fit_one(task, "here") == Ended("a", "failed", reason, worker="here")
 
 
 # How many

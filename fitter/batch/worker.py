@@ -16,6 +16,7 @@ from renderer.threads import limit_cores
 
 # of C++, torch, abseil and the dynamic linker, none of which raises a MemoryError
 NO_MEMORY = ("bad_alloc", "allocate memory", "mmap error", "failed to map segment")
+NO_THREAD = "can't start new thread"  # Python's, for want of memory for its stack or by a limit of processes
 
 
 @dataclass(frozen=True)
@@ -113,6 +114,8 @@ def _sentence(error: Exception) -> str:
     reason = " ".join(str(error).split()) or type(error).__name__
     if isinstance(error, MemoryError) or is_about_memory(reason):
         return f"not enough memory for this fit ({reason})"
+    if NO_THREAD in reason:
+        return f"not enough memory, or too many processes, for this fit ({reason})"
     return f"internal error: {reason}"
 
 
