@@ -56,8 +56,8 @@ def tasks(names: str) -> list[Task]:
 )
 def test_a_scene_whose_process_dies_has_the_signal_in_its_message(monkeypatch, last, cause):
     found = ended(monkeypatch, f"say('of its start'); {TASK}{last}")["a"]
-    told = f"the process that fitted it died each time, of {cause}; tried {DEATHS + 1} times"
-    assert found == Ended("task-a", "failed", told, starts=DEATHS + 1)
+    reason = f"the process that fitted it died each time, of {cause}; tried {DEATHS + 1} times"
+    assert found == Ended("task-a", "failed", reason, starts=DEATHS + 1)
 
 
 def test_different_deaths_are_all_in_the_message(monkeypatch, tmp_path):
@@ -68,8 +68,8 @@ first = not os.path.exists({str(tmp_path / "second")!r})
 open({str(tmp_path / "second")!r}, "w").close()
 os.kill(os.getpid(), signal.SIGSEGV if first else signal.SIGABRT)
 """
-    told = "the process that fitted it died each time, of SIGSEGV, then of SIGABRT; tried 3 times"
-    assert ended(monkeypatch, child)["a"].told == told
+    reason = "the process that fitted it died each time, of SIGSEGV, then of SIGABRT; tried 3 times"
+    assert ended(monkeypatch, child)["a"].reason == reason
 
 
 ANSWERS = {name: pickle.dumps(Ended(f"task-{name}", "refused", "so")) for name in "abcde"}
@@ -172,7 +172,7 @@ def test_a_process_that_fits_holds_ctrl_c_alone():
         assert own.take() is None
         status = Path(f"/proc/{own._process.pid}/status").read_text()
     finally:
-        own.end()
+        own.kill()
         own.wait()
     blocked = next(int(line.split()[1], 16) for line in status.splitlines() if line.startswith("SigBlk:"))
     assert blocked == 1 << (signal.SIGINT - 1)

@@ -211,7 +211,7 @@ def maps(process: int) -> str:
     ],
 )
 def test_ctrl_c_is_quiet_and_ends_all_processes(two_scenes, tmp_path, moment, later, sent):
-    """Whenever it comes; so are SIGTERM and a closed terminal's SIGHUP. It reaches the batch's own processes as well."""
+    """Whenever it comes; so are SIGTERM and SIGHUP, of a closed terminal. All processes get it."""
     batch = Running(two_scenes, tmp_path)
     batch.wait_until(lambda: MOMENTS[moment](batch))
     time.sleep(later)

@@ -25,7 +25,7 @@ from renderer.replaceable import Replaceable, json_with
 from renderer.unfinished import sweep, unfinished_folder
 
 SUMMARY: tuple[str, ...] = ("summary.html", "summary.json")
-TOLD = 5.0  # seconds between two versions of the summary
+SUMMARY_INTERVAL = 5.0  # seconds between two versions of the summary
 
 
 @dataclass(frozen=True)
@@ -69,7 +69,7 @@ class Batch:
 
     def __init__(self, scenes: Mapping[str, Asked], out: Path, command: str) -> None:
         self.scenes, self.out = scenes, Path(os.path.abspath(out))  # workers may be elsewhere
-        self._begun, self._command, self._told = time.perf_counter(), command, 0.0
+        self._started, self._command, self._written = time.perf_counter(), command, 0.0
         self._where = "nobody: all had been fitted before"
         self._keys = {name: key_of(asked.options) for name, asked in scenes.items()}
         self.known: dict[str, Scene] = {
@@ -101,7 +101,7 @@ class Batch:
                         self._take(ended)
                     done += 1
                     progress(f"{len(names)} scenes", done / len(names))
-                    self._tell_now_and_then()
+                    self._write_summary_now_and_then()
 
     def _task(self, name: str, folder: Path, cores: int | None) -> Task:
         asked = self.scenes[name]
@@ -111,7 +111,7 @@ class Batch:
         """Make a fit's files the scene's result, which no other process does: none is there twice or in halves."""
         if ended.folder is None:
             state = "wrong_input" if ended.how == "refused" else "failed"
-            found = {"status": state, "message": ended.told, "worker": ended.worker, "starts": ended.starts}
+            found = {"status": state, "message": ended.reason, "worker": ended.worker, "starts": ended.starts}
             self.known[ended.name] = self.known[ended.name].model_copy(update=found)
             return
         target = self.out / ended.name
@@ -133,19 +133,19 @@ class Batch:
     @property
     def summary(self) -> Summary:
         """Of all scenes, as far as they are known."""
-        seconds = time.perf_counter() - self._begun
+        seconds = time.perf_counter() - self._started
         return Summary(scenes=tuple(self.known.values()), seconds=seconds, where=self._where, command=self._command)
 
-    def _tell_now_and_then(self) -> None:
-        if time.perf_counter() > self._told + TOLD:
-            self.tell()
-            self._told = time.perf_counter()
+    def _write_summary_now_and_then(self) -> None:
+        if time.perf_counter() > self._written + SUMMARY_INTERVAL:
+            self.write_summary()
+            self._written = time.perf_counter()
 
-    def tell(self) -> None:
-        """Write the summary."""
-        from fitter.batch.page import write_summary
+    def write_summary(self) -> None:
+        """Of all scenes, as far as they are known, into `out`."""
+        from fitter.batch import page
 
-        write_summary(self.summary, self.out)
+        page.write_summary(self.summary, self.out)
 
 
 @contextmanager

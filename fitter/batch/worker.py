@@ -48,14 +48,14 @@ class Ended:
 
     Attributes:
         how: "fitted", with all files in `folder`; "refused" as wrong input; "failed".
-        told: why it was not fitted, a sentence.
+        reason: why it was not fitted, a sentence.
         worker: where.
-        starts: how many times it was begun.
+        starts: how many times it was started.
     """
 
     name: str
     how: Literal["fitted", "refused", "failed"]
-    told: str = ""
+    reason: str = ""
     folder: Path | None = None
     worker: str = ""
     starts: int = 1
@@ -72,8 +72,8 @@ def fit_one(task: Task, worker: str) -> Ended:
         worker: what this process is called.
     """
 
-    def ended(how: Literal["refused", "failed"], told: str) -> Ended:
-        return Ended(task.name, how, told, worker=worker, starts=starts)
+    def ended(how: Literal["refused", "failed"], reason: str) -> Ended:
+        return Ended(task.name, how, reason, worker=worker, starts=starts)
 
     starts = 1
     try:
@@ -95,7 +95,7 @@ def fit_one(task: Task, worker: str) -> Ended:
 
 
 def _fit(task: Task, folder: Path) -> None:
-    begun = time.perf_counter()
+    started = time.perf_counter()
     if task.cores is not None:
         limit_cores(task.cores)
     from fitter.pipeline import fit_scene
@@ -106,7 +106,7 @@ def _fit(task: Task, folder: Path) -> None:
 
     target = task.folder.parent / task.name
     replaceable_by_batch(target, [task.scene]).require(target, [RECORD])
-    fit_scene(task.scene, folder, replace(task.options, command=task.command), progress, begun, target=target)
+    fit_scene(task.scene, folder, replace(task.options, command=task.command), progress, started, target=target)
 
 
 def _sentence(error: Exception) -> str:
