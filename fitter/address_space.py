@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import os
-
 from renderer.errors import InputError
 from renderer.memory import GIGABYTE, address_limit
+from renderer.processors import usable_cores
 
 LIBRARIES, OF_CORE = 3.0 * GIGABYTE, 0.3 * GIGABYTE  # of `demo`; every core brings threads with stacks and arenas
 
@@ -16,14 +15,7 @@ def require_address_space() -> None:
     Raises:
         InputError: RLIMIT_AS is too low.
     """
-    limit, needed = address_limit(), LIBRARIES + OF_CORE * _cores()
+    limit, needed = address_limit(), LIBRARIES + OF_CORE * usable_cores()
     if limit is not None and limit < needed:
         expected = f"at least {needed / GIGABYTE:.1f} GB of address space on this machine: `ulimit -v unlimited`"
         raise InputError("ulimit -v", value=f"{limit / GIGABYTE:.1f} GB", expected=expected)
-
-
-def _cores() -> int:
-    try:
-        return len(os.sched_getaffinity(0))
-    except AttributeError:  # no Linux
-        return os.cpu_count() or 1

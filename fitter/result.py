@@ -18,7 +18,7 @@ from renderer.atomic import write_text_atomically
 from renderer.checked import Checked, check, require_plain, unexpected
 from renderer.errors import InputError
 from renderer.files import read_text, require_regular
-from renderer.unicode_text import unicode_text
+from renderer.printable import unicode_text
 
 FORMAT = 1
 CHANNELS = ("red", "green", "blue")

@@ -31,10 +31,13 @@ def write_text_atomically(path: str | Path, text: str) -> None:
 def write_bytes_atomically(path: str | Path, data: bytes) -> None:
     """Write a file that is seen either whole or, if anything interrupts the writing, as it was before.
 
+    What dead processes have left unfinished beside it is swept.
+
     Raises:
         InputError: the file cannot be written there; the operating system's reason is in the sentence.
     """
     path = Path(path)
+    sweep(path.parent)
     # not tempfile: its files are readable by their owner alone, and stay so when renamed
     temporary = path.with_name(f"{prefix_here()}{uuid.uuid4().hex[:8]}")
     try:
@@ -80,7 +83,7 @@ def replaced_together(
     temporary = _folder_inside(directory, option)
     try:
         _require_room(directory, size, option)
-        with _full_disk_told(temporary, directory, option):
+        with _full_disk_reported(temporary, directory, option):
             yield temporary
         _move_files(temporary, directory, last, option, replaceable)
     finally:
@@ -137,7 +140,7 @@ def _megabytes(size: int) -> str:
 
 
 @contextmanager
-def _full_disk_told(temporary: Path, directory: Path, option: str) -> Iterator[None]:
+def _full_disk_reported(temporary: Path, directory: Path, option: str) -> Iterator[None]:
     """A sentence about the folder that was named, and not about a temporary one, where the disk takes no more."""
     try:
         yield

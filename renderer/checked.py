@@ -187,9 +187,9 @@ def _quoted(value: Any) -> str:
 
 
 def shortened(text: str, length: int = 80) -> str:
-    """The text without what cannot be printed, or its beginning."""
-    printable = text if text.isprintable() else ascii(text)[1:-1]
-    return printable if len(printable) <= length else f"{printable[: length - 1]}…"
+    """A printable text in one line, or its beginning."""
+    line = printable(text)
+    return line if len(line) <= length else f"{line[: length - 1]}…"
 
 
 def _rigid(rows: tuple[Row, Row, Row, Row]) -> tuple[Row, Row, Row, Row]:

@@ -12,7 +12,7 @@ import os
 import sys
 import tempfile
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from functools import partial
 from importlib.abc import MetaPathFinder
 from importlib.machinery import ModuleSpec
@@ -20,6 +20,7 @@ from types import ModuleType
 
 from renderer import llvm
 from renderer.errors import InputError
+from renderer.silence import redirected
 
 SYSTEM_LIBRARY = "libatomic.so.1"  # Dr.Jit's wheel is linked against it and does not bring it
 REMEDY = "sudo apt-get install libatomic1"
@@ -78,15 +79,14 @@ def _execute(execute: Callable[[ModuleType], None], module: ModuleType) -> None:
 @contextmanager
 def _without_its_remarks() -> Iterator[None]:
     """Lines that Dr.Jit's C++ code prints on stderr inside the block are dropped; all others are printed at its end."""
-    sys.stderr.flush()
+    if sys.stderr is not None:  # as it is where it was closed
+        sys.stderr.flush()
     with tempfile.TemporaryFile() as caught:
-        kept = os.dup(2)
-        os.dup2(caught.fileno(), 2)
         try:
-            yield
+            with redirected((2,), caught.fileno()):
+                yield
         finally:
-            os.dup2(kept, 2)
-            os.close(kept)
             caught.seek(0)
             others = [line for line in caught if not line.startswith((b"jit_", b"jitc_"))]
-            os.write(2, b"".join(others))
+            with suppress(OSError):  # nobody reads it
+                os.write(2, b"".join(others))

@@ -15,6 +15,7 @@ from jaxtyping import Float
 
 from renderer.errors import InputError
 from renderer.promised import Size
+from renderer.silence import redirected
 
 HALF = 2  # bytes of a sample at least: which type it is, OpenEXR does not tell before it has read it
 
@@ -72,15 +73,10 @@ def _extent(header: dict[str, Any]) -> tuple[int, int]:
 @contextmanager
 def _silent() -> Iterator[None]:
     """Nothing reaches standard output and error, where OpenEXR writes through Python and its core past it."""
-    kept = [(stream, os.dup(stream)) for stream in (1, 2)]
-    nowhere = os.open(os.devnull, os.O_WRONLY)
-    try:
-        for stream, _ in kept:
-            os.dup2(nowhere, stream)
-        with redirect_stdout(StringIO()), redirect_stderr(StringIO()):
-            yield
-    finally:
-        for stream, copy in kept:
-            os.dup2(copy, stream)
-            os.close(copy)
-        os.close(nowhere)
+    with (
+        open(os.devnull, "wb") as nowhere,
+        redirected((1, 2), nowhere.fileno()),
+        redirect_stdout(StringIO()),
+        redirect_stderr(StringIO()),
+    ):
+        yield

@@ -18,8 +18,7 @@ from renderer.errors import InputError
 from renderer.files import read_bytes, require_file
 from renderer.glb import other_files, plain_glb
 from renderer.obj import MATERIAL_FILE, plain_obj
-from renderer.printable import has_controls
-from renderer.unicode_text import unicode_text
+from renderer.printable import has_controls, unicode_text
 
 UNNAMED = "default"
 FARTHEST = 1e75  # of coordinates: squares of areas stay finite

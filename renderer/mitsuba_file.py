@@ -92,18 +92,18 @@ class Node:
             yield Node(self.file, f"{self.field}.{shortened(element.tag)}", element)
 
     def text(self) -> str:
-        """What a property says."""
+        """The value of a property."""
         value = self.attributes(("name", "value"))["value"]
         if len(self.element):
             raise self.refused("with elements inside", "a value alone")
         return value
 
     def number(self) -> float:
-        """The number that a property says."""
+        """The value of a property, a finite number."""
         return self.number_in(self.text())
 
     def whole_number(self) -> int:
-        """The whole number that a property says, at least 0 and below 2³¹."""
+        """The value of a property, a whole number at least 0 and below 2³¹."""
         text = self.text().strip()
         if not re.fullmatch(r"\d{1,10}", text, re.ASCII) or int(text) >= 1 << 31:
             raise self.refused(text, "a whole number")

@@ -1,4 +1,4 @@
-"""Text from files, on its way to people: what steers terminals, breaks lines or cannot be written is spelled out."""
+"""Text from files, on its way to people or into files: what steers terminals or cannot be written is spelled out."""
 
 from __future__ import annotations
 
@@ -24,6 +24,19 @@ def printable_lines(text: str) -> str:
 def has_controls(text: str) -> bool:
     """Whether a control character, or one that ends a line, is in it."""
     return _CONTROL.search(text) is not None
+
+
+def unicode_text(text: str) -> str:
+    """`text` with `\\udcHH` written out for what UTF-8 has no bytes for.
+
+    Python's names of files hold such characters where the bytes of a name are no UTF-8; JSON may hold them anywhere.
+    """
+    return text.encode("utf-8", "backslashreplace").decode("utf-8")
+
+
+def is_unicode(text: str) -> bool:
+    """Whether UTF-8 has bytes for all of `text`."""
+    return unicode_text(text) == text
 
 
 def _spelled(found: re.Match[str]) -> str:

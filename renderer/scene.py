@@ -39,7 +39,7 @@ from renderer.files import read_text
 from renderer.images import ENCODING, ENCODING_HELP
 from renderer.lens_spec import LensSpec
 from renderer.mesh import Shape, Sphere, read_mesh
-from renderer.unicode_text import is_unicode
+from renderer.printable import is_unicode
 from renderer.unknown import (
     FITTED,
     LARGEST,

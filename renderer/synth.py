@@ -18,6 +18,7 @@ from renderer.environment import Environment, read_environment
 from renderer.images import write_exr
 from renderer.mesh import UNNAMED, Mesh, Shape, Sphere, read_mesh
 from renderer.path_tracer import render
+from renderer.printable import unicode_text
 from renderer.scene import LightSpec
 from renderer.studio import studio, sun_and_sky
 from renderer.surroundings import directional_light
@@ -34,7 +35,6 @@ from renderer.synth_files import (
 )
 from renderer.to_mitsuba import AUTO, Bsdf, bsdf_of, mitsuba, variant_here
 from renderer.truth import ShadingModel, TrueMaterial, require, require_shadable
-from renderer.unicode_text import unicode_text
 from renderer.views import views
 
 MADE_HERE = {"studio": studio, "sunsky": sun_and_sky}

@@ -6,13 +6,14 @@ the waiting took three quarters of the time. Whole pieces of work in threads wai
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from typing import TypeVar
 
 import torch
+
+from renderer.processors import usable_cores
 
 Item = TypeVar("Item")
 Made = TypeVar("Made")
@@ -63,11 +64,5 @@ def limit_cores(count: int) -> None:
 
 
 def cores() -> int:
-    """Cores that this process may use; only Linux tells them from those of the machine."""
-    return min([_cores_here(), *_limit])
-
-
-def _cores_here() -> int:
-    if hasattr(os, "sched_getaffinity"):
-        return len(os.sched_getaffinity(0))
-    return os.cpu_count() or 1
+    """Cores that this process may use, by the system's limit and `limit_cores`'s."""
+    return min([usable_cores(), *_limit])

@@ -45,11 +45,12 @@ def mapped(name: str, file: str) -> FittedMaterial:
 
 @given(NASTY, NASTY)
 def test_a_blender_script_has_names_as_data_alone(name, file):
-    script = blender([mapped(name, file), clay(name=f"{name} below")])
+    below = clay(name=f"{name} below")  # a record is in Unicode, which half a character is not
+    script = blender([mapped(name, file), below])
     statements = [type(each).__name__ for each in ast.parse(script).body]
     assert statements == ["Expr", "Import", "Assign", "For"]
     with pytest.MonkeyPatch.context() as patch:
-        assert list(by_blender(script, patch)) == [name, f"{name} below"]
+        assert list(by_blender(script, patch)) == [name, below.name]
 
 
 @given(NASTY, NASTY)
@@ -85,9 +86,14 @@ def by_hand(tmp_path, **material) -> str:
     return str(refused.value).removeprefix(f"{path}: ")
 
 
-@pytest.mark.parametrize("control", ["\n", "\r", "\0", "\x1b", "\x7f", "\x85", "\x9b", "\u2028", "\u2029", "\ud800"])
-def test_results_with_control_characters_in_names_are_refused(tmp_path, control):
-    spelled = ascii(control)[1:-1]
+@pytest.mark.parametrize(
+    ("control", "spelled"),
+    [
+        *(("\n", r"\n"), ("\r", r"\r"), ("\0", r"\x00"), ("\x1b", r"\x1b"), ("\x7f", r"\u007f")),
+        *(("\x85", r"\u0085"), ("\u2028", r"\u2028"), ("\u2029", r"\u2029"), ("\ud800", r"\ud800")),
+    ],
+)
+def test_results_with_control_characters_in_names_are_refused(tmp_path, control, spelled):
     sentence = f'materials[0].name: is "a{spelled}b", expected a text without control characters'
     assert by_hand(tmp_path, name=f"a{control}b") == sentence
     nearest = by_hand(tmp_path, nearest=[{"name": f"A{control}", "distance": 1}])
@@ -184,7 +190,7 @@ def test_no_control_character_of_a_file_reaches_the_terminal(capfd, monkeypatch,
     mesh.write_text(f"usemtl {ESCAPE}\n{TRIANGLE}")
     gold_scene.write_text(gold_scene.read_text().replace('shape = "sphere"', 'mesh = "ball.obj"'))
     told = said(capfd, monkeypatch, *command, gold_scene)
-    assert SPELLED.replace(r"\u009b", r"\x9b") in told
+    assert SPELLED in told
     assert not CONTROL.search(told)
 
 

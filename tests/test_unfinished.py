@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -14,7 +15,7 @@ from test_result import result
 
 from fitter.batch.batch import alone_in
 from fitter.export import export
-from renderer.atomic import replaced_together, write_text_atomically
+from renderer.atomic import replaced_together, write_bytes_atomically, write_text_atomically
 from renderer.unfinished import SILENT, prefix_here, unfinished_folder
 
 COMMAND = [sys.executable, "-m", "fitter.cli"]
@@ -68,6 +69,17 @@ def test_whatever_writes_into_a_folder_next_sweeps_what_was_killed_there(tmp_pat
         killed(process)
     export(result(), ["gltf"], tmp_path, "ball")
     assert hidden(tmp_path) == []
+
+
+@needs_proc
+def test_a_single_file_that_is_written_sweeps_what_was_killed_beside_it(tmp_path):
+    """As the viewer's screenshots are; a living process's file stays."""
+    living = tmp_path / f"{prefix_here()}abcdefgh"
+    living.write_bytes(b"half")
+    dead = living.with_name(re.sub(r"-\d+-(?=\d+-abcdefgh$)", f"-{2**22 + 7}-", living.name))
+    dead.write_bytes(b"half")
+    write_bytes_atomically(tmp_path / "screenshot.png", b"whole")
+    assert hidden(tmp_path) == [living]
 
 
 def test_a_name_says_which_process_began_when():
