@@ -17,7 +17,7 @@ from renderer import dr_jit, llvm
 from renderer.child_process import run_python
 from renderer.errors import InputError
 from renderer.memory import available_memory
-from renderer.threads import cores
+from renderer.processors import usable_cores
 
 PYTHON = (3, 11)
 MEMORY, DISK = 2 * 2**30, 2**30  # bytes: a fit of the standard fidelity takes 1.2 to 1.6 GiB; a result some megabytes
@@ -145,7 +145,7 @@ def opengl() -> Check:
 
 def processors() -> Check:
     """Cores that this process may use."""
-    return Check("cores", True, str(cores()))
+    return Check("cores", True, str(usable_cores()))
 
 
 def memory() -> Check:

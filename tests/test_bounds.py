@@ -35,6 +35,8 @@ from tests.test_search import gold, problem_of, surface_of
 from tests.test_selection import photograph
 from tests.test_visibility import bowl
 
+pytestmark = pytest.mark.fits
+
 SIZE = 9
 
 

@@ -233,6 +233,7 @@ def test_closed_streams_keep_the_exit_code_and_the_files(streams, tmp_path):
     assert closed(streams, "--help").returncode == 0
 
 
+@pytest.mark.fits
 @pytest.mark.parametrize("capability", ["", "default"])
 def test_undetermined_is_exit_code_one(tmp_path, capability, monkeypatch):
     """Under light that is the same from everywhere a small roughness shows nowhere, whatever a processor can do."""

@@ -21,8 +21,6 @@ from tests.quadrature import albedo
 from tests.test_lamps import cells, night, shares
 from tests.test_transport import DISTRIBUTIONS, ball, facing, lit_room, shaded, white
 
-pytestmark = pytest.mark.dr_jit
-
 needs_llvm = pytest.mark.skipif(not fused_available(), reason="LLVM's library is absent")
 
 

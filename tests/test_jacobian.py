@@ -20,8 +20,6 @@ from renderer.views import views
 from shaders.materials import Metal
 from tests.bench.mitsuba_inverse import Pictures
 
-pytestmark = pytest.mark.dr_jit
-
 N, K, ALPHA = (0.146, 0.425, 1.431), (3.578, 2.326, 1.85), 0.2
 NUMBERS = torch.tensor([*N, *K, ALPHA], dtype=torch.float64)
 SIZE, SEEDS, SPP = 16, 16, 256

@@ -11,6 +11,8 @@ from renderer.to_mitsuba import mitsuba
 from tests.hostile import MARK, hostile_plugins
 from tests.test_imports import FILES, imported, top
 
+pytestmark = pytest.mark.dr_jit
+
 SMALL = ["--size", "16", "--spp", "4", "--views", "2"]
 IN_THREADS = """
 import threading

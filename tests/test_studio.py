@@ -9,6 +9,8 @@ from renderer.environment import directions
 from renderer.studio import studio, sun_and_sky, texel_solid_angles
 from renderer.to_mitsuba import mitsuba
 
+pytestmark = pytest.mark.dr_jit
+
 
 def test_texels_cover_the_sphere():
     towards, solid_angles = directions(64, 128).numpy(), texel_solid_angles(64, 128)

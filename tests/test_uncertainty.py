@@ -11,6 +11,8 @@ import torch
 
 from fitter.uncertainty import Spread, intervals95, is_determined, spread, standard_errors, unbiased
 
+pytestmark = pytest.mark.fits
+
 GENERATOR = torch.Generator().manual_seed(7)
 X = torch.linspace(-1, 1, 200, dtype=torch.float64)
 DESIGN = torch.stack([torch.ones_like(X), X], 1)
