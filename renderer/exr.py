@@ -14,10 +14,11 @@ import numpy as np
 from jaxtyping import Float
 
 from renderer.errors import InputError
-from renderer.promised import Size
+from renderer.promised import DEFLATED, Size
 from renderer.silence import redirected
 
-HALF = 2  # bytes of a sample at least: which type it is, OpenEXR does not tell before it has read it
+ZIPPED = ("ZIP_COMPRESSION", "ZIPS_COMPRESSION")
+SAMPLE = 4 + 4  # bytes, as OpenEXR has it and as they are stacked: of float32, for the type is read with the pixels
 
 
 def exr_size(path: Path) -> Size:
@@ -31,7 +32,8 @@ def exr_size(path: Path) -> Size:
     if deep:
         raise InputError(path, "type", deep[0], "a flat image, scanlines or tiles")
     width, height = _extent(parts[0])
-    return Size(width, height, sum(HALF * math.prod(_extent(part)) * len(part["channels"]) for part in parts))
+    stored = sum(SAMPLE * math.prod(_extent(part)) * len(part["channels"]) for part in parts)
+    return Size(width, height, stored, DEFLATED if parts[0]["compression"].name in ZIPPED else None)
 
 
 def read_exr(path: Path) -> Float[np.ndarray, "h w c"]:
