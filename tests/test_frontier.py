@@ -331,7 +331,7 @@ def test_runs_take_no_module_of_the_working_folder(experiment, tmp_path, monkeyp
     for name in ("typer", "torch", "fitter"):
         (tmp_path / f"{name}.py").write_text(f"open({str(tmp_path / 'ran')!r}, 'w')")
     monkeypatch.chdir(tmp_path)
-    with pytest.raises(InputError, match="scene.toml"):  # there is none
+    with pytest.raises(InputError, match=r"scene\.toml"):  # there is none
         experiment.run(LADDER[0], 0)
     assert not (tmp_path / "ran").exists()
 
