@@ -48,22 +48,23 @@ app = typer.Typer(
 )
 
 
-def prepared(command: Callable[..., None]) -> Callable[..., None]:
-    """The command, which begins with what Dr.Jit needs: before anything is read, and before there are threads."""
+def prepared(command: Callable[..., None], *prepare: Callable[[], None]) -> Callable[..., None]:
+    """The command, which begins with what its libraries need: before anything is read, and before there are threads."""
 
     @functools.wraps(command)
     def run(**options: Any) -> None:
-        dr_jit.prepare()
+        for step in prepare:
+            step()
         command(**options)
 
     return run
 
 
-app.command()(view)
-app.command()(probe)
 app.command()(doctor)
+for needing_torch in (view, probe):
+    app.command()(prepared(needing_torch, require_address_space))
 for needing_dr_jit in (advise, frontier, plan, check, fit, batch, synth, demo, selftest):
-    app.command()(prepared(needing_dr_jit))
+    app.command()(prepared(needing_dr_jit, require_address_space, dr_jit.prepare))
 
 
 def program() -> NoReturn:
@@ -141,8 +142,6 @@ def _swallows(frame: FrameType | None) -> bool:
 
 def _run(arguments: list[str]) -> int:
     """The command's exit code, whether or not somebody reads what it prints."""
-    if not {"--help", "--version"} & {*arguments}:
-        require_address_space()
     try:
         code = app(arguments, prog_name="fit-material", standalone_mode=False)
     except SystemExit:  # typer's own, where nobody reads the help

@@ -11,10 +11,13 @@ import tempfile
 from collections.abc import Iterator
 from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, requires, version
-from pathlib import Path
 
+from fitter.address_space import require_address_space
 from renderer import dr_jit, llvm
+from renderer.child_process import run_python
 from renderer.errors import InputError
+from renderer.memory import available_memory
+from renderer.threads import cores
 
 PYTHON = (3, 11)
 MEMORY, DISK = 2 * 2**30, 2**30  # bytes: a fit of the standard fidelity takes 1.2 to 1.6 GiB; a result some megabytes
@@ -30,7 +33,11 @@ import torch
 build = f"CUDA {torch.version.cuda}" if torch.version.cuda else "CPU build"
 print(f"{torch.__version__}, {build}, {torch.backends.cpu.get_cpu_capability()}")
 """
-OTHERS = "import jax, optimistix, kornia, mitsuba; mitsuba.set_variant('scalar_rgb'); print(mitsuba.__version__)"
+OTHERS = """
+import jax, optimistix, kornia
+from renderer.to_mitsuba import mitsuba
+print(mitsuba("scalar_rgb").__version__)
+"""
 
 
 @dataclass(frozen=True)
@@ -62,7 +69,7 @@ def checks() -> Iterator[Check]:
     yield packages()
     yield compiler()
     yield opengl()
-    yield cores()
+    yield processors()
     yield memory()
     yield disk()
 
@@ -113,6 +120,8 @@ def compiler() -> Check:
     """The LLVM that Dr.Jit would take here, and why each other was refused or left."""
     if os.environ.get(llvm.SWITCH) == llvm.NONE:
         return Check("LLVM", False, f"not looked for, by {llvm.SWITCH}={llvm.NONE}", f"unset {llvm.SWITCH}", False)
+    if not system_library().ok:
+        return Check("LLVM", False, f"not tried without {dr_jit.SYSTEM_LIBRARY}", dr_jit.REMEDY, False)
     requested = os.environ.get(llvm.LIBRARY)
     libraries = dict.fromkeys([*filter(None, [requested]), *map(str, llvm.candidates())])
     verdicts = [llvm.verdict_on(each) for each in libraries]
@@ -134,24 +143,29 @@ def opengl() -> Check:
     return Check("OpenGL", ok, found, "" if ok else REMEDY, needed=False)
 
 
-def cores() -> Check:
+def processors() -> Check:
     """Cores that this process may use."""
-    count = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-    return Check("cores", True, str(count))
+    return Check("cores", True, str(cores()))
 
 
 def memory() -> Check:
-    """Memory that is free now."""
-    import psutil
-
-    free = psutil.virtual_memory().available
+    """Memory that this process may take, and how much of it a limit on address space leaves."""
+    free = available_memory()
+    found = f"{free / 2**30:.1f} GiB free"
+    try:
+        require_address_space()
+    except InputError as error:
+        return Check("memory", False, f"{found}; {error}", "ulimit -v unlimited")
     remedy = "" if free >= MEMORY else "end other programs: a fit takes up to 1.6 GiB"
-    return Check("memory", free >= MEMORY, f"{free / 2**30:.1f} GiB free", remedy)
+    return Check("memory", free >= MEMORY, found, remedy)
 
 
 def disk() -> Check:
     """Space where temporary files go, and in the working folder."""
-    free = {folder: shutil.disk_usage(folder).free for folder in (tempfile.gettempdir(), os.getcwd())}
+    try:
+        free = {folder: shutil.disk_usage(folder).free for folder in (tempfile.gettempdir(), os.getcwd())}
+    except OSError as error:  # no folder for temporary files, or a working folder that is gone
+        return Check("disk", False, str(error), "set TMPDIR to a folder that can be written; work in one that exists")
     found = ", ".join(f"{size / 2**30:.1f} GiB free in {folder}" for folder, size in free.items())
     ok = min(free.values()) >= DISK
     return Check("disk", ok, found, "" if ok else "make space")
@@ -159,25 +173,10 @@ def disk() -> Check:
 
 def _run(code: str) -> tuple[bool, str]:
     """Whether the code runs to its end in a process of its own, and the last line that it prints."""
-    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, [_here(), os.environ.get("PYTHONPATH")]))}
     try:
-        done = subprocess.run(
-            [sys.executable, "-P", "-c", code],
-            stdin=subprocess.DEVNULL,
-            capture_output=True,
-            text=True,
-            errors="replace",
-            timeout=PATIENCE,
-            check=False,
-            env=environment,
-        )
-    except subprocess.TimeoutExpired:
-        return False, f"no answer within {PATIENCE} s"
-    said = done.stdout if done.returncode == 0 else done.stderr
-    last = said.strip().splitlines()[-1:] or [f"exit code {done.returncode}"]
+        done = run_python("-c", code, timeout=PATIENCE)
+    except (subprocess.TimeoutExpired, OSError) as error:
+        return False, str(error)
+    printed = done.stdout if done.returncode == 0 else done.stderr
+    last = printed.strip().splitlines()[-1:] or [f"exit code {done.returncode}"]
     return done.returncode == 0, last[0].removeprefix("renderer.errors.InputError: ")
-
-
-def _here() -> str:
-    """The folder from which this program was imported."""
-    return str(Path(__file__).resolve().parents[1])

@@ -17,7 +17,6 @@ import resource
 import signal
 import subprocess
 import sys
-import tempfile
 from collections.abc import Iterable, Iterator
 from contextlib import suppress
 from dataclasses import asdict, dataclass
@@ -26,13 +25,16 @@ from pathlib import Path
 from typing import Any
 
 from renderer.atomic import write_text_atomically
+from renderer.child_process import run_python
 from renderer.errors import InputError
+from renderer.printable import printable
 
 LIBRARY = "DRJIT_LIBLLVM_PATH"  # the variable from which Dr.Jit takes its library
 SWITCH, NONE = "FIT_MATERIAL_LLVM", "none"  # the variable by which a user, or a parent process, does without
 TESTED = range(19, 23)  # of Debian's, 19 and 22 compile our kernels, 15 and 16 end the process, 14 is too old
 PACKAGE = "libllvm19"
 REMEDY = f"sudo apt-get install {PACKAGE}"
+TRACEBACK, REFUSED = 1, 3  # exit codes of a proof: it could not be begun; it was, and failed
 PATIENCE = 60  # seconds until a proof, which takes half a second, has to end
 PROOF = Path(__file__).with_name("llvm_proof.py")
 CRASHES = {signal.SIGABRT, signal.SIGSEGV, signal.SIGILL, signal.SIGBUS, signal.SIGFPE, signal.SIGTRAP}
@@ -75,7 +77,7 @@ class Choice:
 
 @functools.cache
 def prepare() -> Choice:
-    """Set Dr.Jit's compiler for this process and those that it starts; says in a sentence on stderr what is missing.
+    """Set Dr.Jit's compiler for this process and those that it starts; prints one sentence where none serves.
 
     It writes to the environment, which is safe only as long as no other thread reads it: call it early.
     """
@@ -84,7 +86,8 @@ def prepare() -> Choice:
     os.environ[LIBRARY] = choice.chosen.library if choice.chosen else os.devnull
     if not unwanted:
         for sentence in complaints(choice, requested):
-            print(f"fit-material: {sentence}", file=sys.stderr, flush=True)
+            with suppress(OSError):  # nobody reads errors, or they cannot be written
+                print(f"fit-material: {printable(sentence)}", file=sys.stderr, flush=True)
     if choice.chosen is None:
         os.environ[SWITCH] = NONE
     return choice
@@ -170,35 +173,24 @@ def verdict_on(library: str) -> Verdict:
 
 def _prove(library: str) -> tuple[Verdict, bool]:
     """The verdict by a process of its own, and whether it would be the same next time."""
-    with tempfile.TemporaryDirectory(prefix="fit-material-") as folder:  # no kernels of another library; no core dumps
-        environment = {**os.environ, LIBRARY: library, "DRJIT_CACHE_DIR": folder, "HOME": folder}
-        try:
-            done = subprocess.run(
-                [sys.executable, "-P", PROOF],
-                stdin=subprocess.DEVNULL,
-                capture_output=True,
-                text=True,
-                errors="replace",
-                timeout=PATIENCE,
-                check=False,
-                env=environment,
-                cwd=folder,
-            )
-        except (subprocess.TimeoutExpired, OSError) as error:
-            return Verdict(library, False, reason=f"could not be proved: {error}"), False
+    try:
+        done = run_python(str(PROOF), timeout=PATIENCE, **{LIBRARY: library})
+    except (subprocess.TimeoutExpired, OSError) as error:
+        return Verdict(library, False, reason=f"could not be proved: {error}"), False
     if done.returncode == 0:
         return Verdict(library, True, version=done.stdout.strip()), True
-    return Verdict(library, False, reason=_reason(done)), done.returncode > 0 or -done.returncode in CRASHES
+    lasting = done.returncode == REFUSED or -done.returncode in CRASHES
+    return Verdict(library, False, reason=_reason(done)), lasting
 
 
 def _reason(done: subprocess.CompletedProcess[str]) -> str:
-    """Why a proof failed, in a phrase: the first line of what its process printed."""
-    lines = [line.strip() for line in done.stderr.splitlines() if line.strip()]
+    """Why a proof failed, in a phrase: C++ begins with the reason, a traceback ends with it."""
+    lines = [line.strip() for line in done.stderr.splitlines() if line.strip()] or [f"exit code {done.returncode}"]
     noise = r"^jitc?_\w+\(\): |^LLVM ERROR: |0x[0-9a-f]+[:,]? ?|, shutting down .*|\. .*| ?[.!]+$"
-    first = re.sub(noise, "", lines[0]).strip() if lines else ""
-    if done.returncode < 0:
-        return f"ends the process by {signal.Signals(-done.returncode).name}: {first}".removesuffix(": ")
-    return first or f"exit code {done.returncode}"
+    line = re.sub(noise, "", lines[-1 if done.returncode == TRACEBACK else 0]).strip()
+    if -done.returncode in CRASHES:
+        return f"ends the process by {signal.Signals(-done.returncode).name}: {line}"
+    return line
 
 
 def _key(library: str) -> str:

@@ -2,7 +2,7 @@
 
 Dr.Jit takes any LLVM of version 15 or newer, and some of those end the whole process ("Cannot select … fminimum").
 `renderer.llvm` runs this file with the library in DRJIT_LIBLLVM_PATH. Exit code 0: the library serves, and its version
-is printed; anything else, a crash included: it does not, and the last line of stderr says why.
+is printed; 3, or a crash: it does not, and the first line of stderr has the reason; 1: no Dr.Jit can be imported.
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ import sys
 from collections.abc import Callable, Sequence
 from typing import Any
 
+REFUSED = 3  # exit code
 LANES = 61  # no multiple of a vector's width: the last one is masked
 ROUNDING = 1e-4  # relative: some of Dr.Jit's float32 functions err by dozens of their last bits, wrong code by more
 
@@ -24,7 +25,7 @@ def main() -> None:
     import drjit as dr
 
     if not dr.has_backend(dr.JitBackend.LLVM):
-        sys.exit(1)  # Dr.Jit has printed why
+        sys.exit(REFUSED)  # Dr.Jit has printed why
     names, computed, expected = zip(*(*_arithmetic(), *_control_flow(), *_memory()), strict=True)
     dr.eval(computed)
     for name, values, reference in zip(names, computed, expected, strict=True):
@@ -37,7 +38,8 @@ def main() -> None:
 def _compare(name: str, values: Sequence[float], reference: Sequence[float]) -> None:
     for value, right in zip(values, reference, strict=True):
         if not abs(value - right) <= ROUNDING * max(1.0, abs(right)):
-            sys.exit(f"{name}: computed {value:.9g}, expected {right:.9g}")
+            print(f"{name}: computed {value:.9g}, expected {right:.9g}", file=sys.stderr)
+            sys.exit(REFUSED)
 
 
 def _x(i: int) -> float:

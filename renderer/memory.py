@@ -5,6 +5,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Iterator
 from contextlib import suppress
+from dataclasses import dataclass
 from pathlib import Path
 
 from renderer.errors import InputError
@@ -54,29 +55,67 @@ def address_limit() -> int | None:
     return None
 
 
+def memory_limit() -> int:
+    """Bytes that this process and those it starts may take together: the machine's, or those of its control groups."""
+    import psutil
+
+    return min([psutil.virtual_memory().total, *control_group_limits()])
+
+
 def control_groups(proc: Path = PROC, root: Path = CGROUPS) -> Iterator[int]:
-    """Bytes that each limit of this process's control groups leaves, of version 1 or 2; files in memory are given up.
+    """Bytes that each limit of this process's control groups leaves; files in memory are given up.
 
     Args:
-        proc: holds `cgroup`, the groups' names.
-        root: where their files are.
+        proc, root: as `_control_groups` has them.
+    """
+    for folder, files in _control_groups(proc, root):
+        with suppress(OSError, ValueError):  # a group that is not seen from here, or "max"
+            most, used = (int((folder / file).read_text()) for file in (files.limit, files.usage))
+            entries = dict(line.split() for line in (folder / "memory.stat").read_text().splitlines())
+            yield most - used + int(entries.get(files.cached, 0))
+
+
+def control_group_limits(proc: Path = PROC, root: Path = CGROUPS) -> Iterator[int]:
+    """Bytes of each limit of this process's control groups, whatever is used of them.
+
+    Args:
+        proc, root: as `_control_groups` has them.
+    """
+    for folder, files in _control_groups(proc, root):
+        with suppress(OSError, ValueError):  # as above
+            yield int((folder / files.limit).read_text())
+
+
+@dataclass(frozen=True)
+class _Files:
+    """What one version of control groups calls its files, and cached files in `memory.stat`."""
+
+    limit: str
+    usage: str
+    cached: str
+
+
+VERSION_1 = _Files("memory.limit_in_bytes", "memory.usage_in_bytes", "total_inactive_file")
+VERSION_2 = _Files("memory.max", "memory.current", "inactive_file")
+
+
+def _control_groups(proc: Path, root: Path) -> Iterator[tuple[Path, _Files]]:
+    """Folders of this process's groups for memory, of version 1 or 2, and of those around them; none but on Linux.
+
+    Args:
+        proc: holds `cgroup`, the groups' names: lines such as `0::/a/b`, of version 2, or `4:memory:/a/b`.
+        root: where the groups' folders are.
     """
     with suppress(OSError, ValueError):  # no Linux, or nothing that may be read
         for line in (proc / "cgroup").read_text().splitlines():
             _, controllers, name = line.split(":", 2)
             if controllers == "":
-                yield from _left(root, name, ("memory.max", "memory.current", "inactive_file"))
+                yield from ((folder, VERSION_2) for folder in _around(root, name))
             elif "memory" in controllers.split(","):
-                names = ("memory.limit_in_bytes", "memory.usage_in_bytes", "total_inactive_file")
-                yield from _left(root / "memory", name, names)
+                yield from ((folder, VERSION_1) for folder in _around(root / "memory", name))
 
 
-def _left(root: Path, name: str, files: tuple[str, str, str]) -> Iterator[int]:
-    """What the group and those around it leave; in a container, the outermost that is seen is the root."""
-    limit, usage, cached = files
+def _around(root: Path, name: str) -> list[Path]:
+    """A group's folder and those around it; in a container, the outermost that is seen is the root."""
     group = root / name.lstrip("/")
-    for folder in (group, *(each for each in group.parents if each.is_relative_to(root))):
-        with suppress(OSError, ValueError):  # a group that is not seen from here, or "max"
-            most, used = (int((folder / file).read_text()) for file in (limit, usage))
-            entries = dict(line.split() for line in (folder / "memory.stat").read_text().splitlines())
-            yield most - used + int(entries.get(cached, 0))
+    return [group, *(each for each in group.parents if each.is_relative_to(root))]

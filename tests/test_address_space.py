@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 import resource
 import subprocess
@@ -24,7 +25,6 @@ COMMANDS = [
     ["batch", "list.txt", "-o", "out"],
     ["synth", "--metal", "Au", "-o", "out"],
     ["view", "a.obj"],
-    ["export", "result.json", "-o", "out"],
     ["probe", "ball.exr", "-o", "out"],
     ["advise", "scene.toml"],
 ]
@@ -54,6 +54,12 @@ def test_every_command_says_that_it_is_too_little(command, tmp_path):
 def test_help_and_version_need_none_of_it(arguments, tmp_path):
     done = run(*arguments, limit=TOO_LITTLE, folder=tmp_path)
     assert (done.returncode, done.stderr) == (0, "")
+
+
+def test_the_doctor_finds_it(tmp_path):
+    done = run("doctor", "--json", limit=TOO_LITTLE, folder=tmp_path)
+    (check,) = (each for each in json.loads(done.stdout)["checks"] if each["name"] == "memory")
+    assert (done.returncode, check["ok"], check["remedy"]) == (1, False, "ulimit -v unlimited")
 
 
 @pytest.mark.slow

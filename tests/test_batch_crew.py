@@ -10,15 +10,17 @@ import pickle
 import signal
 import threading
 import time
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
 
+from fitter import pipeline
 from fitter.batch import crew, process
 from fitter.batch.crew import DEATHS, Lost, local_fits
 from fitter.batch.interrupts import interrupts_held
-from fitter.batch.memory import group_limits, memory_limit
-from fitter.batch.worker import Ended, Task
+from fitter.batch.record import key_of
+from fitter.batch.worker import Ended, Task, fit_one
 from fitter.fit_options import FitOptions
 
 CONNECTED = """
@@ -47,15 +49,15 @@ def tasks(names: str) -> list[Task]:
         ("os.kill(os.getpid(), signal.SIGSEGV)", "SIGSEGV"),
         ("say('LLVM ERROR: Cannot select'); say(' #0 stack'); os.abort()", "SIGABRT (LLVM ERROR: Cannot select)"),
         ("say('terminate called …'); say('  what():  std::bad_alloc'); os.abort()", "SIGABRT, out of memory"),
-        ("say('Traceback'); say('ValueError: \\033[31mred'); os._exit(3)", "exit code 3 (ValueError: [31mred)"),
+        ("say('Traceback'); say('ValueError: \\033[31mred'); os._exit(3)", r"exit code 3 (ValueError: \x1b[31mred)"),
         ("say('x' * 1000); os.abort()", f"SIGABRT ({'x' * 200})"),
         ("signal.signal(34, signal.SIG_DFL); os.kill(os.getpid(), 36)", "signal 36"),
     ],
 )
 def test_a_scene_whose_process_dies_has_the_signal_in_its_message(monkeypatch, last, cause):
     found = ended(monkeypatch, f"say('of its start'); {TASK}{last}")["a"]
-    told = f"the process that fitted it died each time, of {cause}; tried {DEATHS + 1} times"
-    assert found == Ended("task-a", "failed", told, starts=DEATHS + 1)
+    reason = f"the process that fitted it died each time, of {cause}; tried {DEATHS + 1} times"
+    assert found == Ended("task-a", "failed", reason, starts=DEATHS + 1)
 
 
 def test_different_deaths_are_all_in_the_message(monkeypatch, tmp_path):
@@ -66,8 +68,8 @@ first = not os.path.exists({str(tmp_path / "second")!r})
 open({str(tmp_path / "second")!r}, "w").close()
 os.kill(os.getpid(), signal.SIGSEGV if first else signal.SIGABRT)
 """
-    told = "the process that fitted it died each time, of SIGSEGV, then of SIGABRT; tried 3 times"
-    assert ended(monkeypatch, child)["a"].told == told
+    reason = "the process that fitted it died each time, of SIGSEGV, then of SIGABRT; tried 3 times"
+    assert ended(monkeypatch, child)["a"].reason == reason
 
 
 ANSWERS = {name: pickle.dumps(Ended(f"task-{name}", "refused", "so")) for name in "abcde"}
@@ -131,33 +133,83 @@ def test_no_process_is_left_where_the_caller_stops(monkeypatch, tmp_path):
             os.kill(number, 0)
 
 
+@pytest.fixture
+def hang_up() -> Iterator[Callable[[int], object]]:
+    """Sets what SIGHUP does until the end of a test; the tests themselves may run under `nohup`."""
+    before = signal.signal(signal.SIGHUP, signal.SIG_DFL)
+    yield lambda action: signal.signal(signal.SIGHUP, action)
+    signal.signal(signal.SIGHUP, before)
+
+
+@pytest.mark.usefixtures("hang_up")
 def test_ctrl_c_is_held_from_a_process_first_instruction_on(monkeypatch):
-    """It would print a traceback wherever it was; SIGTERM is let in later."""
+    """It would print a traceback wherever it was; SIGTERM and SIGHUP are let in later."""
     child = "say(sorted(signal.pthread_sigmask(signal.SIG_BLOCK, []))); os.abort()"
     with pytest.raises(Lost) as lost:
         ended(monkeypatch, child)
-    held = [signal.SIGINT, signal.SIGTERM]
+    held = [signal.SIGHUP, signal.SIGINT, signal.SIGTERM]
     assert str(lost.value) == f"the processes that fit cannot start: SIGABRT ({held})"
     assert signal.pthread_sigmask(signal.SIG_BLOCK, []) == set()  # here
 
 
-def test_interrupts_come_after_what_must_not_be_torn():
+def test_under_nohup_a_process_ignores_that_the_terminal_is_closed(monkeypatch, hang_up):
+    """From its first instruction on, and what starts it does so still."""
+    hang_up(signal.SIG_IGN)
+    child = "held = sorted(signal.pthread_sigmask(signal.SIG_BLOCK, [])); say((signal.getsignal(1), held)); os.abort()"
+    with pytest.raises(Lost) as lost:
+        ended(monkeypatch, child)
+    expected = (signal.SIG_IGN, [signal.SIGINT, signal.SIGTERM])
+    assert str(lost.value) == f"the processes that fit cannot start: SIGABRT ({expected})"
+    assert signal.getsignal(signal.SIGHUP) == signal.SIG_IGN
+
+
+@pytest.mark.skipif(not Path("/proc/self/status").exists(), reason="blocked signals are looked up in /proc")
+@pytest.mark.usefixtures("hang_up")
+def test_a_process_that_fits_holds_ctrl_c_alone():
+    """As the system's list of its signals has it, once it has loaded what a fit needs."""
+    own = process.Process()
+    try:
+        assert own.take() is None
+        status = Path(f"/proc/{own._process.pid}/status").read_text()
+    finally:
+        own.kill()
+        own.wait()
+    blocked = next(int(line.split()[1], 16) for line in status.splitlines() if line.startswith("SigBlk:"))
+    assert blocked == 1 << (signal.SIGINT - 1)
+
+
+@pytest.mark.parametrize("sent", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP], ids=lambda each: each.name)
+def test_interrupts_come_after_what_must_not_be_torn(sent):
     """Of several threads too, any of which the system may choose to take the signal."""
     done = threading.Event()
     waiting = threading.Thread(target=done.wait)
     waiting.start()
     steps = []
-    before = signal.signal(signal.SIGTERM, lambda number, frame: steps.append(signal.Signals(number).name))
+    before = signal.signal(sent, lambda number, frame: steps.append(signal.Signals(number).name))
     try:
         with interrupts_held():
-            os.kill(os.getpid(), signal.SIGTERM)
+            os.kill(os.getpid(), sent)
             time.sleep(0.05)
             steps.append("whole")
-        assert steps == ["whole", "SIGTERM"]
+        assert steps == ["whole", sent.name]
     finally:
-        signal.signal(signal.SIGTERM, before)
+        signal.signal(sent, before)
         done.set()
         waiting.join()
+
+
+def test_a_fit_that_gets_no_thread_is_no_internal_error(monkeypatch, tmp_path):
+    """Python's own words, where a limit of memory leaves none for a stack, or one of processes is reached."""
+
+    def refuse(*arguments, **options):
+        raise RuntimeError("can't start new thread")
+
+    monkeypatch.setattr(pipeline, "fit_scene", refuse)
+    folder = tmp_path / "unfinished"
+    folder.mkdir()
+    task = Task("a", tmp_path / "scene.toml", FitOptions(), key_of(FitOptions()), folder, "")
+    reason = "not enough memory, or too many processes, for this fit (can't start new thread)"
+    assert fit_one(task, "here") == Ended("a", "failed", reason, worker="here")
 
 
 # How many
@@ -172,31 +224,3 @@ def test_workers_are_as_many_as_scenes_cores_and_memory_serve(monkeypatch):
         4,
         1,
     ]
-
-
-def test_memory_is_at_most_the_machine_s():
-    text = Path("/proc/meminfo").read_text() if Path("/proc/meminfo").exists() else ""
-    if not text:
-        pytest.skip("no /proc/meminfo to compare with")
-    assert 0 < memory_limit() <= int(text.split()[1]) * 1024
-
-
-@pytest.mark.parametrize(
-    ("own", "files", "limits"),
-    [
-        ("0::/a/b\n", {"a/b/memory.max": "max", "a/memory.max": "5000", "memory.max": "9000"}, {5000, 9000}),
-        ("0::/\n", {"memory.max": "7000"}, {7000}),
-        ("4:cpu:/x\n9:memory,hugetlb:/a\n", {"memory/a/memory.limit_in_bytes": "6000", "x/memory.max": "1"}, {6000}),
-        ("9:memory:/docker/0a1b\n", {"memory/memory.limit_in_bytes": "8000", "memory.max": "1"}, {8000}),
-        (None, {"memory.max": "1"}, set()),
-    ],
-    ids=["version 2", "version 2, a container", "version 1", "version 1, a container", "no Linux"],
-)
-def test_a_control_group_limits_memory(tmp_path, own, files, limits):
-    for name, text in files.items():
-        path = tmp_path / "groups" / name
-        path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_text(text + "\n")
-    if own is not None:
-        (tmp_path / "own").write_text(own)
-    assert set(group_limits(tmp_path / "groups", tmp_path / "own")) == limits

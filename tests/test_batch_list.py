@@ -11,6 +11,7 @@ from pathlib import Path
 
 import pytest
 
+from fitter import cli
 from fitter.batch.pattern import matching
 from fitter.batch.scene_list import read_lists
 from renderer.errors import InputError
@@ -110,6 +111,7 @@ def test_a_name_is_a_plain_one(name, folder):
         ("b" * 300, f"list.txt: line 1: is {'b' * 79}…, expected the path of a file (File name too long)"),
         (f"{'b' * 300}/*", f"list.txt: line 1: is {'b' * 79}…, expected the path of a file (File name too long)"),
         ("~no-such-user/a", "list.txt: line 1: is ~no-such-user/a, expected the path of a file (Could not determine"),
+        ("~no-such-user/*", "list.txt: line 1: is ~no-such-user/*, expected the path of a file (Could not determine"),
         (b"\xff\xfe", "list.txt: expected a list of scenes in UTF-8, one to a line"),
         ("deep/er\nempty", "list.txt: line 2: is empty, expected a folder with a scene.toml, or with folders"),
         (
@@ -128,6 +130,23 @@ def test_slips_in_a_list(text, sentence, folder):
 def test_no_list(folder):
     with pytest.raises(InputError, match=r"^gone.txt: expected a list of scenes that can be read \(No such file"):
         told("gone.txt")
+
+
+@pytest.mark.parametrize(
+    ("given", "sentence"),
+    [
+        ("~no-such-user/*", "~no-such-user/*: expected a list of scenes that can be read (No such file or directory)"),
+        (
+            "~no-such-user/*.toml",
+            "LIST: is ~no-such-user/*.toml, expected the path of a file (Could not determine home directory.)",
+        ),
+    ],
+)
+def test_nobody_s_home_in_the_place_of_a_list_is_one_sentence(given, sentence, folder, monkeypatch, capsys):
+    monkeypatch.setattr(sys, "argv", ["fit-material", "batch", given, "-o", str(folder / "out")])
+    with pytest.raises(SystemExit) as ended:
+        cli.main()
+    assert (ended.value.code, capsys.readouterr().err) == (2, f"fit-material: {sentence}\n")
 
 
 def test_links_to_the_folder_itself_are_no_ways_through_it(folder):

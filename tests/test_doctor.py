@@ -103,3 +103,24 @@ def test_full_disks_and_memory_are_found(monkeypatch):
     monkeypatch.setattr(doctor, "MEMORY", 1 << 62)
     assert not doctor.disk().ok
     assert not doctor.memory().ok
+
+
+def test_a_folder_that_is_gone_is_found(monkeypatch):
+    def gone() -> str:
+        raise FileNotFoundError(2, "No such file or directory")
+
+    monkeypatch.setattr(doctor.os, "getcwd", gone)
+    check = doctor.disk()
+    assert (check.ok, check.found) == (False, "[Errno 2] No such file or directory")
+
+
+def test_without_the_system_library_no_compiler_is_tried(monkeypatch):
+    """Else every LLVM would be found guilty of what Dr.Jit lacks."""
+
+    def absent() -> None:
+        raise InputError("libatomic.so.1", expected="it")
+
+    monkeypatch.delenv(llvm.SWITCH, raising=False)
+    monkeypatch.setattr(dr_jit, "require_system_library", absent)
+    monkeypatch.setattr(llvm, "verdict_on", lambda library: pytest.fail(f"{library} was tried"))
+    assert doctor.compiler().remedy == dr_jit.REMEDY

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 import json
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -145,3 +146,31 @@ def test_a_control_group_leaves_its_limit_less_what_is_used_but_for_cached_files
 
 def test_no_control_groups_leave_no_limit(tmp_path):
     assert list(memory.control_groups(tmp_path, tmp_path)) == []
+    assert list(memory.control_group_limits(tmp_path, tmp_path)) == []
+
+
+@pytest.mark.parametrize(
+    ("groups", "files", "limits"),
+    [
+        ("0::/a/b\n", {"a/b/memory.max": "max", "a/memory.max": "5000", "memory.max": "9000"}, {5000, 9000}),
+        ("0::/\n", {"memory.max": "7000"}, {7000}),
+        ("4:cpu:/x\n9:memory,hugetlb:/a\n", {"memory/a/memory.limit_in_bytes": "6000", "x/memory.max": "1"}, {6000}),
+        ("9:memory:/docker/0a1b\n", {"memory/memory.limit_in_bytes": "8000", "memory.max": "1"}, {8000}),
+    ],
+    ids=["version 2", "version 2, a container", "version 1", "version 1, a container"],
+)
+def test_a_control_group_limits_memory_whatever_is_used_of_it(tmp_path, groups, files, limits):
+    for name, text in files.items():
+        path = tmp_path / "root" / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(text + "\n")
+    (tmp_path / "cgroup").write_text(groups)
+    assert set(memory.control_group_limits(tmp_path, tmp_path / "root")) == limits
+
+
+def test_the_limit_of_memory_is_the_machine_s_or_a_smaller_one_of_a_control_group(monkeypatch):
+    monkeypatch.setattr(memory, "control_group_limits", lambda: iter([]))
+    machine = os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
+    assert memory.memory_limit() == pytest.approx(machine, rel=1e-6)
+    monkeypatch.setattr(memory, "control_group_limits", lambda: iter([2**62, 12345]))
+    assert memory.memory_limit() == 12345

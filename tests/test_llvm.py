@@ -264,3 +264,15 @@ def test_a_missing_system_library_is_named_before_anything_is_read():
     assert done.stderr == (
         "fit-material: libatomic.so.1: expected this library, which Dr.Jit needs: sudo apt-get install libatomic1\n"
     )
+
+
+def test_a_dr_jit_that_cannot_be_imported_refuses_no_library_for_good(broken, tmp_path, monkeypatch, own_cache):
+    """As on a machine without libatomic, which may be installed later."""
+    (tmp_path / "drjit.py").write_text("raise ImportError('libatomic.so.1: cannot open shared object file')")
+    monkeypatch.syspath_prepend(str(tmp_path))
+    verdict = llvm.verdict_on(str(broken))
+    assert (verdict.usable, verdict.reason) == (
+        False,
+        "ImportError: libatomic.so.1: cannot open shared object file",
+    )
+    assert not own_cache.exists()

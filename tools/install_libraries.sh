@@ -65,6 +65,7 @@ bring() {
 }
 
 if [ "$kind" = needed ]; then
+    [ "$(uname)" = Linux ] || exit 0
     has_atomic && exit
     may_install && update
     bring has_atomic libatomic1 "libatomic.so.1 is missing, without which nothing works"

@@ -1,1 +1,1 @@
-"""Many scenes by one command: which there are, who fits them, what is kept and what is told of all."""
+"""Many scenes by one command: which there are, who fits them, what is kept, and the summary of all."""

@@ -3,17 +3,15 @@
 from __future__ import annotations
 
 import fcntl
-import json
 import os
-import shutil
 import tempfile
 import time
 from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from contextlib import closing, contextmanager, suppress
 from dataclasses import dataclass
-from datetime import UTC, datetime
 from pathlib import Path
 
+from fitter.batch.fits_log import append_to_log, require_own_log
 from fitter.batch.interrupts import interrupts_held
 from fitter.batch.record import RECORD, Fitted, earlier, key_of, read_record, replaceable_by_batch
 from fitter.batch.summary import Scene, Summary, outcome, untouched
@@ -26,9 +24,8 @@ from renderer.errors import InputError
 from renderer.replaceable import Replaceable, json_with
 from renderer.unfinished import sweep, unfinished_folder
 
-LOG = "fits.jsonl"  # a line for every result that was taken over, in the order of time
 SUMMARY: tuple[str, ...] = ("summary.html", "summary.json")
-TOLD = 5.0  # seconds between two versions of the summary
+SUMMARY_INTERVAL = 5.0  # seconds between two versions of the summary
 
 
 @dataclass(frozen=True)
@@ -72,7 +69,7 @@ class Batch:
 
     def __init__(self, scenes: Mapping[str, Asked], out: Path, command: str) -> None:
         self.scenes, self.out = scenes, Path(os.path.abspath(out))  # workers may be elsewhere
-        self._begun, self._command, self._told = time.perf_counter(), command, 0.0
+        self._started, self._command, self._written = time.perf_counter(), command, 0.0
         self._where = "nobody: all had been fitted before"
         self._keys = {name: key_of(asked.options) for name, asked in scenes.items()}
         self.known: dict[str, Scene] = {
@@ -95,7 +92,7 @@ class Batch:
         """Fit those scenes and take their results over, each as soon as it is there."""
         done = 0
         self._where = crew.where
-        with _scratch(self.out) as folder:
+        with unfinished_folder(self.out) as folder:
             tasks = [self._task(name, folder, crew.cores) for name in names]
             progress(f"{len(names)} scenes", 0)
             with closing(crew.fits(tasks)) as outcomes:
@@ -104,7 +101,7 @@ class Batch:
                         self._take(ended)
                     done += 1
                     progress(f"{len(names)} scenes", done / len(names))
-                    self._tell_now_and_then()
+                    self._write_summary_now_and_then()
 
     def _task(self, name: str, folder: Path, cores: int | None) -> Task:
         asked = self.scenes[name]
@@ -114,7 +111,7 @@ class Batch:
         """Make a fit's files the scene's result, which no other process does: none is there twice or in halves."""
         if ended.folder is None:
             state = "wrong_input" if ended.how == "refused" else "failed"
-            found = {"status": state, "message": ended.told, "worker": ended.worker, "starts": ended.starts}
+            found = {"status": state, "message": ended.reason, "worker": ended.worker, "starts": ended.starts}
             self.known[ended.name] = self.known[ended.name].model_copy(update=found)
             return
         target = self.out / ended.name
@@ -127,10 +124,7 @@ class Batch:
             return
         record, result = read_record(target), read_result(target / "result.json")
         assert record is not None
-        line = {"name": ended.name, "scene": record.scene, "worker": record.worker, "starts": record.starts}
-        told = datetime.now(UTC).isoformat(timespec="milliseconds")
-        with open(self.out / LOG, "a", encoding="utf-8", errors="backslashreplace") as log:
-            log.write(json.dumps({"time": told, **line, "key": record.key}, ensure_ascii=False) + "\n")
+        append_to_log(self.out, ended.name, record)
         self._note(ended.name, record, result, kept=False)
 
     def _note(self, name: str, record: Fitted, result: Result, kept: bool) -> None:
@@ -139,35 +133,19 @@ class Batch:
     @property
     def summary(self) -> Summary:
         """Of all scenes, as far as they are known."""
-        seconds = time.perf_counter() - self._begun
+        seconds = time.perf_counter() - self._started
         return Summary(scenes=tuple(self.known.values()), seconds=seconds, where=self._where, command=self._command)
 
-    def _tell_now_and_then(self) -> None:
-        if time.perf_counter() > self._told + TOLD:
-            self.tell()
-            self._told = time.perf_counter()
+    def _write_summary_now_and_then(self) -> None:
+        if time.perf_counter() > self._written + SUMMARY_INTERVAL:
+            self.write_summary()
+            self._written = time.perf_counter()
 
-    def tell(self) -> None:
-        """Write the summary."""
-        from fitter.batch.page import write_summary
+    def write_summary(self) -> None:
+        """Of all scenes, as far as they are known, into `out`."""
+        from fitter.batch import page
 
-        write_summary(self.summary, self.out)
-
-
-@contextmanager
-def _scratch(out: Path) -> Iterator[Path]:
-    """A folder in `out` for fits that are under way."""
-    with unfinished_folder(out) as folder:
-        yield folder
-
-
-@contextmanager
-def _removed(folder: Path) -> Iterator[None]:
-    """A folder is removed at the end: fits that nobody waits for any more end when they find theirs gone."""
-    try:
-        yield
-    finally:
-        shutil.rmtree(folder, ignore_errors=True)
+        page.write_summary(self.summary, self.out)
 
 
 @contextmanager
@@ -175,7 +153,7 @@ def alone_in(out: Path) -> Iterator[None]:
     """Make the folder of a batch, without what dead ones left unfinished; no other batch works there meanwhile.
 
     Raises:
-        InputError: it is no folder that can be written, another batch works there, or a summary there is no batch's.
+        InputError: it is no folder that can be written, another batch works there, or files there are no batch's.
     """
     try:
         out.mkdir(parents=True, exist_ok=True)
@@ -186,6 +164,7 @@ def alone_in(out: Path) -> Iterator[None]:
     try:
         _lock(handle, out)
         _require_own_summary(out)
+        require_own_log(out)
         sweep(out)
         yield
     finally:

@@ -22,7 +22,8 @@ def serve(descriptor: int) -> NoReturn:
     Args:
         descriptor: of this end of the connection.
     """
-    signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGTERM})  # held while this process was begun; Ctrl-C stays so
+    # held while this process was started; Ctrl-C stays so
+    signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGTERM, signal.SIGHUP})
     os.set_inheritable(descriptor, False)
     connection, tasks = Connection(descriptor), queue.SimpleQueue()
     threading.Thread(target=_receive, args=(connection, tasks), daemon=True).start()

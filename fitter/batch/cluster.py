@@ -76,12 +76,12 @@ def _fits(client: Client, tasks: Sequence[Task]) -> Iterator[Ended]:
     ended: queue.SimpleQueue[Future] = queue.SimpleQueue()
     waiting = deque(tasks)
     running: dict[object, tuple[Future, Task]] = {}
-    told = False
+    announced = False
     try:
         while waiting or running:
             workers = _workers(client)
-            if not workers and not told:
-                told = True
+            if not workers and not announced:
+                announced = True
                 print("fit-material: the scheduler has no workers so far; waiting for one", file=sys.stderr, flush=True)
             while waiting and len(running) < max(workers, 1):
                 task = waiting.popleft()

@@ -82,10 +82,10 @@ def batch(
 
         with alone_in(out):
             found = Batch(scenes, out, shlex.join(["fit-material", *sys.argv[1:]]))
-            told = _run(found, functools.partial(_crew, elsewhere, workers, cores), progress)
+            reason = _run(found, functools.partial(_crew, elsewhere, workers, cores), progress)
     _print(found)
-    if told:
-        complain(told)
+    if reason:
+        complain(reason)
     raise typer.Exit(DONE if found.summary.all_usable else NO_MATERIAL)
 
 
@@ -101,9 +101,9 @@ def _asked(listed: Listed, options: Mapping[str, Any]) -> Asked:
     except InputError as error:
         if not listed.words:
             raise
-        told = str(error).removeprefix(": expected ")
+        reason = str(error).removeprefix(": expected ")
         raise InputError(
-            listed.where, value=shlex.join(listed.words), expected=f"options that fit takes: {told}"
+            listed.where, value=shlex.join(listed.words), expected=f"options that fit takes: {reason}"
         ) from None
     return Asked(listed.scene, how, listed.words)
 
@@ -118,13 +118,13 @@ def _run(batch: Batch, crew: Callable[[int], Crew], progress: Progress) -> str:
             progress("starting workers", 0)
             batch.fit(left, crew(len(left)), progress)
     except Lost as error:
-        batch.tell()
+        batch.write_summary()
         return f"{error}; {_done(batch)}"
     except KeyboardInterrupt:
         complain(_done(batch))
-        batch.tell()
+        batch.write_summary()
         raise
-    batch.tell()
+    batch.write_summary()
     return ""
 
 

@@ -1,4 +1,4 @@
-"""Who fits a batch on this machine: processes, of which those that die are begun anew."""
+"""Who fits a batch on this machine: processes, of which those that die are started again."""
 
 from __future__ import annotations
 
@@ -8,9 +8,9 @@ from collections.abc import Generator, Iterator, Sequence
 from contextlib import closing
 from multiprocessing.connection import Connection, wait
 
-from fitter.batch.memory import memory_limit
 from fitter.batch.process import Process
 from fitter.batch.worker import Ended, Task
+from renderer.memory import memory_limit
 from renderer.threads import cores
 
 DEATHS = 2  # of processes by one scene, after which it is not tried again; and of processes that only start
@@ -30,7 +30,7 @@ def local_fits(count: int, tasks: Sequence[Task]) -> Generator[Ended, None, None
     """All tasks, as they end, by so many processes of this machine.
 
     Raises:
-        Lost: no process can be begun.
+        Lost: no process can be started.
     """
     with closing(_Crew(count, tasks)) as crew:
         while crew.is_busy:
@@ -63,21 +63,21 @@ class _Crew:
         return bool(self._waiting) or self._fitting > 0
 
     def hand_out(self) -> None:
-        """Begin the processes that are missing, and give a task to each that has none.
+        """Start the processes that are missing, and give a task to each that has none.
 
         Raises:
-            Lost: no process can be begun.
+            Lost: no process can be started.
         """
         wanted = min(self._count, len(self._waiting) + self._fitting)
         while len(self._processes) < wanted and len(self._failed_starts) <= DEATHS:
-            self._begin()
+            self._start()
         if not self._processes:
             raise Lost(f"the processes that fit cannot start: {self._failed_starts[-1]}")
         for process in self._processes.values():
             if self._waiting and process.ready and process.task is None:
                 process.give(self._waiting.popleft())
 
-    def _begin(self) -> None:
+    def _start(self) -> None:
         try:
             process = Process()
         except OSError as error:  # too many processes or files, or no memory
@@ -92,33 +92,33 @@ class _Crew:
             try:
                 ended = self._processes[connection].take()
             except EOFError:
-                ended = self._buried(self._processes.pop(connection))
+                ended = self._outcome_after_death(self._processes.pop(connection))
             if ended is not None:
                 yield ended
 
-    def _buried(self, process: Process) -> Ended | None:
+    def _outcome_after_death(self, process: Process) -> Ended | None:
         """Its task goes to another process, unless it has cost too many; a process that never got ready has none."""
-        cause, task = process.cause_of_death(), process.task
-        process.end()
+        status, task = process.exit_status(), process.task
+        process.kill()
         process.wait()
         if process.ready:
             self._failed_starts.clear()
         else:
-            self._failed_starts.append(cause)
+            self._failed_starts.append(status)
         if task is None:
             return None
-        causes = self._deaths[task.name]
-        causes.append(cause)
-        if len(causes) > DEATHS:
-            told = f"the process that fitted it died each time, of {', then of '.join(dict.fromkeys(causes))}"
-            return Ended(task.name, "failed", f"{told}; tried {len(causes)} times", starts=len(causes))
+        statuses = self._deaths[task.name]
+        statuses.append(status)
+        if len(statuses) > DEATHS:
+            reason = f"the process that fitted it died each time, of {', then of '.join(dict.fromkeys(statuses))}"
+            return Ended(task.name, "failed", f"{reason}; tried {len(statuses)} times", starts=len(statuses))
         self._waiting.append(task)
         return None
 
     def close(self) -> list[str]:
-        """End all processes; the lines that they printed, each once."""
+        """Kill all processes; the lines that they printed, each once."""
         processes = list(self._processes.values())
         self._processes.clear()
         for process in processes:
-            process.end()
+            process.kill()
         return list(dict.fromkeys(line for process in processes for line in process.wait()))

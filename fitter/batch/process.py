@@ -18,6 +18,7 @@ from typing import IO
 
 from fitter.batch.interrupts import interrupts_held
 from fitter.batch.worker import Ended, Task, is_about_memory
+from renderer.printable import printable
 
 SERVE = "import sys; sys.path[:] = sys.argv[2:]; from fitter.batch.child import serve; serve(int(sys.argv[1]))"
 GRACE = 5.0  # seconds for a process that has closed its connection to end
@@ -25,7 +26,7 @@ LONGEST = 200  # characters of a dead process's last line
 
 
 class Process:
-    """One process, begun.
+    """One process, started.
 
     Attributes:
         connection: to it; at its end when the process has ended.
@@ -40,7 +41,7 @@ class Process:
         with ExitStack() as opened:
             self._output = opened.enter_context(tempfile.TemporaryFile())
             self.connection, theirs = map(opened.enter_context, Pipe())
-            self._process = _begun(theirs, self._output)
+            self._process = _started(theirs, self._output)
             theirs.close()
             opened.pop_all()
 
@@ -65,7 +66,7 @@ class Process:
             self.task = None
         return ended
 
-    def cause_of_death(self) -> str:
+    def exit_status(self) -> str:
         """Signal or exit code of a process that has died, and why, as far as what it printed in its last task shows."""
         try:
             code = self._process.wait(GRACE)
@@ -78,26 +79,26 @@ class Process:
         line = lines[0 if code < 0 else -1] if lines else ""  # C++ begins with the reason, a traceback ends with it
         return f"{_named(code)} ({line[:LONGEST]})" if line else _named(code)
 
-    def end(self) -> None:
+    def kill(self) -> None:
         """Whatever it does; returns at once."""
         self._process.kill()  # first: it would say that its connection is gone
         self.connection.close()
 
     def wait(self) -> list[str]:
-        """For the end of a process that was ended; the lines that it printed in all its time."""
+        """For the end of a process that was killed; the lines that it printed in all its time."""
         self._process.wait()
         with self._output:
             return self._lines(0)
 
     def _lines(self, begin: int) -> list[str]:
-        """Without what would move the terminal's cursor; `pread` does not move the place where the process writes."""
+        """In printable text; `pread` does not move the place where the process writes."""
         size = os.fstat(self._output.fileno()).st_size
         text = os.pread(self._output.fileno(), size - begin, begin).decode(errors="replace")
-        lines = (" ".join(line.split()) for line in text.splitlines())
-        return ["".join(filter(str.isprintable, line)) for line in lines if line]
+        lines = (printable(" ".join(line.split())) for line in text.splitlines())
+        return [line for line in lines if line]
 
 
-def _begun(connection: Connection, output: IO[bytes]) -> subprocess.Popen[bytes]:
+def _started(connection: Connection, output: IO[bytes]) -> subprocess.Popen[bytes]:
     """A process that inherits its end of a connection, and prints there."""
     command = [sys.executable, "-P", "-c", SERVE, str(connection.fileno()), *sys.path]
     inherited = [connection.fileno()]

@@ -33,7 +33,7 @@ class Fitted(Record):
         key: of options, code and versions.
         files: that the fit wrote, by name, with their SHA-256.
         worker: where it was fitted.
-        starts: how many times it was begun until it ended; more than one where processes died.
+        starts: how many times it was started until it ended; more than one where processes died.
     """
 
     format: Literal[1] = FORMAT
@@ -46,8 +46,8 @@ class Fitted(Record):
 
 def key_of(options: FitOptions) -> str:
     """What a result depends on beside the scene's files: the options, the code, and the versions that compute."""
-    told = {name: value for name, value in asdict(options).items() if name != "command"}
-    text = json.dumps([FORMAT, told, code_digest(), versions()], sort_keys=True)
+    asked = {name: value for name, value in asdict(options).items() if name != "command"}
+    text = json.dumps([FORMAT, asked, code_digest(), versions()], sort_keys=True)
     return hashlib.sha256(text.encode()).hexdigest()[:16]
 
 

@@ -32,7 +32,7 @@ class Scene(Record):
         status: the result's, or why there is none.
         message: the result's, or what was wrong, a sentence.
         kept: whether an earlier batch had fitted it.
-        starts: how many times the fit was begun; more than one where a process died.
+        starts: how many times the fit was started; more than one where a process died.
         worker: that fitted it.
         seconds: that the fit took.
         materials: found, without their correlations.
@@ -103,13 +103,13 @@ def outcome(scene: Scene, record: Fitted, result: Result, kept: bool) -> Scene:
 
 def sentence(summary: Summary) -> str:
     """How many scenes ended how, where, and in what time."""
-    told = ", ".join(f"{count} {WORDS[state]}" for state, count in summary.counts.items())
+    counts = ", ".join(f"{count} {WORDS[state]}" for state, count in summary.counts.items())
     kept = sum(scene.kept for scene in summary.scenes)
     again = sum(scene.starts > 1 and not scene.kept for scene in summary.scenes)
     more = [f"{kept} of them fitted before"] if kept else []
     more += [f"{again} begun anew after a process had died"] if again else []
     count = len(summary.scenes)
-    parts = "; ".join([f"{count} scene{'s' if count != 1 else ''}: {told}", *more])
+    parts = "; ".join([f"{count} scene{'s' if count != 1 else ''}: {counts}", *more])
     return f"{parts}. {summary.seconds:.0f} s, by {summary.where}."
 
 

@@ -25,10 +25,10 @@ def terminal_table(summary: Summary, width: int | None = None) -> str:
     console = Console(file=text, width=width or WIDTH, highlight=False)
     table = _table(summary)
     console.print(table)
-    told = [*problems(summary), sentence(summary)]
+    below = [*problems(summary), sentence(summary)]
     if "?" in text.getvalue():
-        told.append(OPEN)
-    return "\n".join([*(line.rstrip() for line in text.getvalue().splitlines()), "", *told])
+        below.append(OPEN)
+    return "\n".join([*(line.rstrip() for line in text.getvalue().splitlines()), "", *below])
 
 
 def _table(summary: Summary) -> Table:
@@ -82,12 +82,12 @@ def one_line(material: FittedMaterial, key: str) -> str:
 
 def lines(material: FittedMaterial, key: str) -> list[str]:
     """A parameter's values, each with its own error."""
-    told = []
+    found = []
     for value, error, known in _numbers(material, key):
         places = decimals(error) if error else 3
         with_error = f"{value:.{places}f} ± {error:.{places}f}" if error else f"{value:.{places}f}"
-        told.append(with_error if known else f"{with_error}?")
-    return told
+        found.append(with_error if known else f"{with_error}?")
+    return found
 
 
 def _numbers(material: FittedMaterial, key: str) -> Iterator[tuple[float, float | None, bool]]:

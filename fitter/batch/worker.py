@@ -16,6 +16,7 @@ from renderer.threads import limit_cores
 
 # of C++, torch, abseil and the dynamic linker, none of which raises a MemoryError
 NO_MEMORY = ("bad_alloc", "allocate memory", "mmap error", "failed to map segment")
+NO_THREAD = "can't start new thread"  # Python's, for want of memory for its stack or by a limit of processes
 
 
 @dataclass(frozen=True)
@@ -47,14 +48,14 @@ class Ended:
 
     Attributes:
         how: "fitted", with all files in `folder`; "refused" as wrong input; "failed".
-        told: why it was not fitted, a sentence.
+        reason: why it was not fitted, a sentence.
         worker: where.
-        starts: how many times it was begun.
+        starts: how many times it was started.
     """
 
     name: str
     how: Literal["fitted", "refused", "failed"]
-    told: str = ""
+    reason: str = ""
     folder: Path | None = None
     worker: str = ""
     starts: int = 1
@@ -71,8 +72,8 @@ def fit_one(task: Task, worker: str) -> Ended:
         worker: what this process is called.
     """
 
-    def ended(how: Literal["refused", "failed"], told: str) -> Ended:
-        return Ended(task.name, how, told, worker=worker, starts=starts)
+    def ended(how: Literal["refused", "failed"], reason: str) -> Ended:
+        return Ended(task.name, how, reason, worker=worker, starts=starts)
 
     starts = 1
     try:
@@ -94,7 +95,7 @@ def fit_one(task: Task, worker: str) -> Ended:
 
 
 def _fit(task: Task, folder: Path) -> None:
-    begun = time.perf_counter()
+    started = time.perf_counter()
     if task.cores is not None:
         limit_cores(task.cores)
     from fitter.pipeline import fit_scene
@@ -105,7 +106,7 @@ def _fit(task: Task, folder: Path) -> None:
 
     target = task.folder.parent / task.name
     replaceable_by_batch(target, [task.scene]).require(target, [RECORD])
-    fit_scene(task.scene, folder, replace(task.options, command=task.command), progress, begun, target=target)
+    fit_scene(task.scene, folder, replace(task.options, command=task.command), progress, started, target=target)
 
 
 def _sentence(error: Exception) -> str:
@@ -113,6 +114,8 @@ def _sentence(error: Exception) -> str:
     reason = " ".join(str(error).split()) or type(error).__name__
     if isinstance(error, MemoryError) or is_about_memory(reason):
         return f"not enough memory for this fit ({reason})"
+    if NO_THREAD in reason:
+        return f"not enough memory, or too many processes, for this fit ({reason})"
     return f"internal error: {reason}"
 
 
