@@ -66,7 +66,7 @@ UNGATED = {
     "renderer.files": "the gate itself",
     "renderer.llvm": "the proof beside it, /proc/cpuinfo, and its own cache",
     "renderer.memory": "/proc and /sys",
-    "fitter.batch.memory": "/proc and /sys",
+    "fitter.batch.fits_log": "of a regular file 64 KiB at most",
     "renderer.unfinished": "/proc and /etc/machine-id",
     "renderer.viewer.programs": "shaders of this package",
     "fitter.code_digest": "modules of this package",
@@ -85,7 +85,7 @@ def reads_whole_files(path: Path) -> bool:
 
 def _mode(call: ast.Call) -> str:
     given = [*call.args[1:2], *(each.value for each in call.keywords if each.arg == "mode")]
-    return next((each.value for each in given if isinstance(each, ast.Constant)), "r")
+    return next((str(each.value) for each in given if isinstance(each, ast.Constant)), "r")
 
 
 def test_files_of_users_are_read_behind_the_gate():
