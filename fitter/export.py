@@ -16,6 +16,7 @@ from fitter.result import FittedMaterial, PerParameter, Result
 from fitter.written import written_by_fit
 from renderer.atomic import replaced_together, write_bytes_atomically, write_text_atomically
 from renderer.errors import InputError
+from renderer.files import read_bytes
 from renderer.mtl_text import FLOAT32_MAX
 from renderer.replaceable import Replaceable
 
@@ -98,7 +99,7 @@ def _texture(source: Path, field: str, name: str) -> bytes:
     path = source.parent / name
     try:
         here = path.resolve(strict=True).parent == source.parent.resolve()
-        data = path.read_bytes() if here and path.is_file() else b""
+        data = read_bytes(path) if here and path.is_file() else b""
     except (OSError, RuntimeError) as error:  # RuntimeError of links in a circle
         reason = getattr(error, "strerror", None) or "links in a circle"
         raise InputError(source, field, name, f"a file beside it ({reason})") from error

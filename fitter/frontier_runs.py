@@ -20,7 +20,7 @@ from fitter.result import FittedMaterial, InputFile, NonNegative, Record, Result
 from renderer.atomic import write_text_atomically
 from renderer.checked import check
 from renderer.errors import InputError
-from renderer.files import read_text
+from renderer.files import read_bytes, read_text
 from renderer.unfinished import unfinished_folder
 
 FORMAT = 1
@@ -169,7 +169,7 @@ def measured(command: Sequence[str], errors: Path) -> Ended:
             raise
         seconds = time.perf_counter() - began
         process.returncode = os.waitstatus_to_exitcode(status)
-    lines = errors.read_text(encoding="utf-8", errors="replace").strip().splitlines()
+    lines = read_bytes(errors).decode("utf-8", "replace").strip().splitlines()
     cpu = usage.ru_utime + usage.ru_stime
     return Ended(process.returncode, lines[-1] if lines else "", seconds, cpu, usage.ru_maxrss * KIBIBYTE)
 

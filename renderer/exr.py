@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import math
 import os
 from collections.abc import Iterator
@@ -13,11 +14,13 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
+from renderer.atomic import FULL
 from renderer.errors import InputError
-from renderer.promised import Size
+from renderer.promised import DEFLATED, Size
 from renderer.silence import redirected
 
-HALF = 2  # bytes of a sample at least: which type it is, OpenEXR does not tell before it has read it
+ZIPPED = ("ZIP_COMPRESSION", "ZIPS_COMPRESSION")
+SAMPLE = 4 + 4  # bytes, as OpenEXR has it and as they are stacked: of float32, for the type is read with the pixels
 
 
 def exr_size(path: Path) -> Size:
@@ -31,7 +34,8 @@ def exr_size(path: Path) -> Size:
     if deep:
         raise InputError(path, "type", deep[0], "a flat image, scanlines or tiles")
     width, height = _extent(parts[0])
-    return Size(width, height, sum(HALF * math.prod(_extent(part)) * len(part["channels"]) for part in parts))
+    stored = sum(SAMPLE * math.prod(_extent(part)) * len(part["channels"]) for part in parts)
+    return Size(width, height, stored, DEFLATED if parts[0]["compression"].name in ZIPPED else None)
 
 
 def read_exr(path: Path) -> Float[np.ndarray, "h w c"]:
@@ -50,6 +54,28 @@ def read_exr(path: Path) -> Float[np.ndarray, "h w c"]:
             raise InputError(path, "channels", " ".join(channels), "R G B or Y, with or without A")
         named = [channels[name] for name in (*colour, *({"A"} & channels.keys()))]
         return np.stack(named, -1, dtype=np.float32, casting="unsafe")  # from integers, too
+
+
+def write_channels(path: Path, channels: dict[str, Float[np.ndarray, "h w c"]]) -> None:
+    """Write a file, deflated, and read it again: of what its last bytes met on the disk, OpenEXR tells nobody.
+
+    Raises:
+        OSError: the disk takes no more.
+    """
+    import OpenEXR
+
+    header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
+    try:
+        OpenEXR.File(header, channels).write(str(path))
+    except RuntimeError as error:  # the system's reason is in its sentence alone
+        code = next((code for code in FULL if os.strerror(code) in str(error)), None)
+        if code is None:
+            raise
+        raise OSError(code, os.strerror(code)) from error
+    try:
+        _opened(path, header_only=False)
+    except InputError as error:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC)) from error
 
 
 def _opened(path: Path, header_only: bool) -> Any:

@@ -13,6 +13,7 @@ from jaxtyping import Bool, Float, Num, UInt, UInt8
 from renderer.atomic import replaced_together
 from renderer.errors import InputError
 from renderer.exif import read_exif, upright
+from renderer.exr import write_channels
 from renderer.raw import ENDINGS
 from renderer.samples import Samples, read_samples, read_sensor
 
@@ -99,13 +100,10 @@ def write_exr(path: str | Path, pixels: Float[np.ndarray, "h w c"]) -> None:
     Raises:
         InputError: where the folder cannot be written to.
     """
-    import OpenEXR
-
     path = Path(path)
     channels = {"RGBA"[: pixels.shape[2]]: np.ascontiguousarray(pixels, np.float32)}
-    header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
     with replaced_together(path.parent, option=str(path)) as folder:
-        OpenEXR.File(header, channels).write(str(folder / path.name))
+        write_channels(folder / path.name, channels)
 
 
 def png(codes: UInt8[np.ndarray, "h w c"]) -> bytes:

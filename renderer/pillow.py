@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import UInt8
 
-from renderer.promised import Size
+from renderer.promised import DEFLATED, Size
 
 FORMATS = (
     *("AVIF", "BMP", "DDS", "DIB", "GIF", "JPEG", "JPEG2000", "MPO", "PCX"),
@@ -23,7 +23,7 @@ def pillow_size(path: Path) -> Size:
     """By Pillow, which reads pixels only when they are asked for."""
     with _opened(path) as picture:
         width, height = picture.size
-        return Size(width, height, 3 * width * height)
+        return Size(width, height, 3 * width * height, DEFLATED if picture.format == "PNG" else None)
 
 
 def read_by_pillow(path: Path) -> UInt8[np.ndarray, "h w 3"]:

@@ -9,7 +9,7 @@ from renderer.errors import InputError
 from renderer.memory import require_memory
 
 MOST_PIXELS = 2 * 10**8  # of a picture; maps of 16384 × 8192 are the largest in use
-PACKED = 8256  # pixels that one byte of a file can hold at most: deflate's 1032 : 1, of one bit each
+DEFLATED = 8256  # pixels that one byte of a file can hold at most: deflate's 1032 : 1, of one bit each
 RADIANCE = 12  # bytes of a pixel's radiance, three float32
 
 
@@ -20,11 +20,13 @@ class Size:
     Attributes:
         width, height: pixels.
         stored: bytes of all samples in memory, before they become radiance.
+        densest: pixels that one byte of the file holds at most; None where the format knows no such bound.
     """
 
     width: int
     height: int
     stored: int
+    densest: int | None = None
 
 
 def require_size(path: Path, size: Size) -> None:
@@ -36,6 +38,6 @@ def require_size(path: Path, size: Size) -> None:
     found, pixels = f"{size.width} × {size.height}", max(0, size.width) * max(0, size.height)
     if pixels > MOST_PIXELS:
         raise InputError(path, "size", found, f"at most {MOST_PIXELS} pixels")
-    if path.is_file() and pixels > (most := PACKED * path.stat().st_size):
+    if size.densest is not None and pixels > (most := size.densest * path.stat().st_size):
         raise InputError(path, "size", found, f"at most {most} pixels, which a file of this size can hold")
     require_memory(path, size.stored + RADIANCE * pixels, "size", found)

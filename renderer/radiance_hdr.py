@@ -13,6 +13,7 @@ import numpy as np
 from jaxtyping import Float, UInt8
 
 from renderer.errors import InputError
+from renderer.files import read_bytes
 from renderer.promised import Size
 
 EXCESS = 128 + 8  # of the exponent, for mantissas of eight bits
@@ -38,7 +39,8 @@ def read_hdr(path: Path) -> Float[np.ndarray, "h w 3"]:
     """
     with path.open("rb") as file:
         height, width = _layout(path, file)
-        data, start = file.read(), 0
+        start = file.tell()
+    data = read_bytes(path)
     lines = np.empty((height, width, 4), np.uint8)
     for row in range(height):
         start = _read_line(path, data, start, lines[row], row)

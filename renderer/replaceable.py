@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from renderer.errors import InputError
+from renderer.files import read_text
 
 
 @dataclass(frozen=True)
@@ -77,8 +78,8 @@ def unchanged(folder: Path, own: Mapping[str, str | None]) -> dict[str, str]:
 def json_with(path: Path, *keys: str) -> dict[str, Any] | None:
     """The JSON object in a file of ours, known by its keys; None where there is none, or it is something else."""
     try:
-        data = json.loads(path.read_text(encoding="utf-8")) if path.is_file() else None
-    except (OSError, ValueError, RecursionError):
+        data = json.loads(read_text(path, "utf-8")) if path.is_file() else None
+    except (OSError, ValueError, RecursionError, InputError):
         return None
     return data if isinstance(data, dict) and data.keys() >= {*keys} else None
 

@@ -16,7 +16,7 @@ from renderer.exr import exr_size, read_exr
 from renderer.files import require_file
 from renderer.mitsuba_library import mitsuba_library
 from renderer.pillow import pillow_size, read_by_pillow
-from renderer.promised import Size, require_size
+from renderer.promised import DEFLATED, Size, require_size
 from renderer.radiance_hdr import hdr_size, read_hdr
 from renderer.raw import ENDINGS, raw_size, read_raw
 from renderer.tiff import read_tiff, tiff_size
@@ -99,7 +99,8 @@ def _png_size(path: Path) -> Size:
     if head[12:16] != b"IHDR" or len(head) < 26 or head[25] not in PNG_CHANNELS:
         raise ValueError("its first chunk is no IHDR")
     width, height = int.from_bytes(head[16:20], "big"), int.from_bytes(head[20:24], "big")
-    return Size(width, height, width * height * PNG_CHANNELS[head[25]] * (2 if head[24] == 16 else 1))
+    stored = width * height * PNG_CHANNELS[head[25]] * (2 if head[24] == 16 else 1)
+    return Size(width, height, stored, DEFLATED)
 
 
 def _read_png(path: Path) -> Samples:

@@ -15,6 +15,7 @@ from jaxtyping import Float
 from renderer.atomic import replaced_together
 from renderer.camera import Camera
 from renderer.environment import Environment, read_environment
+from renderer.files import read_bytes
 from renderer.images import write_exr
 from renderer.mesh import UNNAMED, Mesh, Shape, Sphere, read_mesh
 from renderer.path_tracer import render
@@ -130,7 +131,7 @@ def synthesise(
     with replaced_together(out, last=SCENE, replaceable=allowed, size=_size(options, environment)) as folder:
         write_exr(folder / MAP, environment.radiance.numpy())
         if mesh is not None:
-            (folder / mesh.name).write_bytes(mesh.read_bytes())
+            (folder / mesh.name).write_bytes(read_bytes(mesh))
         for index, pose in enumerate(poses):
             report = _share_of_all(progress, index, options.views)
             pixels = _photograph(photographer, options, pose.camera(options.size), index, report)

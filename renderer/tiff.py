@@ -13,19 +13,26 @@ import numpy as np
 from jaxtyping import Num
 
 from renderer.errors import InputError
-from renderer.promised import Size
+from renderer.promised import DEFLATED, Size
 
-HARMLESS = 1 << 16  # bytes of a packed strip; of the densest packings, LZMA makes half a gigabyte of them
+HARMLESS = 1 << 16  # bytes of a deflated strip, of which 68 MB can become
 STEP = 1 << 24  # bytes that are unpacked at once
+LZMA_MEMORY = 1 << 27  # bytes of its window and tables; its densest preset takes 65 MiB
 
 
 def tiff_size(path: Path) -> Size:
-    """By the first page's header. A tile is read whole, however small the picture."""
+    """By the first page's header. A tile is read whole, however small the picture.
+
+    Raises:
+        InputError: a compression whose strips cannot be measured before they are read.
+    """
     from tifffile import TiffFile
 
     with TiffFile(path) as file:
         page = file.pages.first
-        return Size(page.imagewidth, page.imagelength, max(page.nbytes, _segment(page)))
+        _require_known_compression(path, page.compression)
+        densest = DEFLATED if page.compression in _deflated() else None
+        return Size(page.imagewidth, page.imagelength, max(page.nbytes, _segment(page)), densest)
 
 
 def read_tiff(path: Path) -> Num[np.ndarray, "h w *c"]:
@@ -59,14 +66,32 @@ def _segment(page: Any) -> int:
     return math.prod(page.chunks) * page.dtype.itemsize if page.is_tiled and page.dtype is not None else 0
 
 
+def _require_known_compression(path: Path, compression: int) -> None:
+    """tifffile hands others to whatever codecs are installed, which unpack as much as they like."""
+    from tifffile import COMPRESSION
+
+    others = (COMPRESSION.NONE, COMPRESSION.LZW, COMPRESSION.PACKBITS, COMPRESSION.LZMA)
+    if compression not in (*others, *_deflated()):
+        name = getattr(compression, "name", compression)
+        raise InputError(path, "compression", name, "none, LZW, PackBits, deflate or LZMA")
+
+
+def _deflated() -> tuple[int, ...]:
+    """Both numbers of deflate."""
+    from tifffile import COMPRESSION
+
+    return COMPRESSION.ADOBE_DEFLATE, COMPRESSION.DEFLATE
+
+
 def _require_honest_strips(path: Path, page: Any) -> None:
     """tifffile unpacks strips and tiles whole, whatever the header promises of them."""
     unpacked, most = _unpacking(page.compression), max(page.nbytes, _segment(page))
     if unpacked is None:
         return
+    harmless = HARMLESS if unpacked is _inflated else 0  # a few bytes of LZMA can ask for gigabytes of memory
     with path.open("rb") as file:
         for start, count in zip(page.dataoffsets, page.databytecounts, strict=True):
-            if count > HARMLESS:
+            if count > harmless:
                 file.seek(start)
                 _require_at_most(most, unpacked(file.read(count)), path)
 
@@ -83,8 +108,7 @@ def _unpacking(compression: int) -> Callable[[bytes], Iterator[bytes]] | None:
     """What takes a strip apart piece by piece; None where none can be much larger than its file."""
     from tifffile import COMPRESSION
 
-    deflated = (COMPRESSION.ADOBE_DEFLATE, COMPRESSION.DEFLATE)
-    return _inflated if compression in deflated else _from_lzma if compression == COMPRESSION.LZMA else None
+    return _inflated if compression in _deflated() else _from_lzma if compression == COMPRESSION.LZMA else None
 
 
 def _inflated(data: bytes) -> Iterator[bytes]:
@@ -95,7 +119,7 @@ def _inflated(data: bytes) -> Iterator[bytes]:
 
 
 def _from_lzma(data: bytes) -> Iterator[bytes]:
-    unpacker = lzma.LZMADecompressor()
+    unpacker = lzma.LZMADecompressor(memlimit=LZMA_MEMORY)
     yield unpacker.decompress(data, STEP)
     while not (unpacker.eof or unpacker.needs_input):
         yield unpacker.decompress(b"", STEP)

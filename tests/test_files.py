@@ -2,20 +2,24 @@
 
 from __future__ import annotations
 
+import ast
 import json
 import os
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 
 from renderer import memory
 from renderer.errors import InputError
 from renderer.files import read_text
+from renderer.images import read_image
 from renderer.mesh import FORMATS, read_mesh
 from renderer.mtl import read_mtl
 from renderer.scene import read_scene
 from tests.special_files import KEYS
+from tests.test_imports import FILES
 
 
 @pytest.fixture(scope="module")
@@ -56,6 +60,47 @@ def test_a_file_that_memory_does_not_hold_is_not_read(name, read, tmp_path):
         read(path)
     assert str(refusal.value).startswith(f"{path}: expected what fits into memory: reading it takes 1e+03 GB, and ")
     assert str(refusal.value).endswith(" GB are free")
+
+
+UNGATED = {
+    "renderer.files": "the gate itself",
+    "renderer.llvm": "the proof beside it, /proc/cpuinfo, and its own cache",
+    "renderer.memory": "/proc and /sys",
+    "fitter.batch.fits_log": "of a regular file 64 KiB at most",
+    "renderer.unfinished": "/proc and /etc/machine-id",
+    "renderer.viewer.programs": "shaders of this package",
+    "fitter.code_digest": "modules of this package",
+    "renderer.replaceable": "a regular file in pieces, for its digest",
+    "fitter.result": "a regular file in pieces, for its digest",
+}
+
+
+def reads_whole_files(path: Path) -> bool:
+    """Whether a module calls a path's `read_bytes` or `read_text`, or Python's `open`, but for writing."""
+    calls = [node for node in ast.walk(ast.parse(path.read_text("utf-8"))) if isinstance(node, ast.Call)]
+    methods = {call.func.attr for call in calls if isinstance(call.func, ast.Attribute)}
+    opened = [call for call in calls if isinstance(call.func, ast.Name) and call.func.id == "open"]
+    return bool(methods & {"read_bytes", "read_text"}) or any(_mode(call)[0] not in "wax" for call in opened)
+
+
+def _mode(call: ast.Call) -> str:
+    given = [*call.args[1:2], *(each.value for each in call.keywords if each.arg == "mode")]
+    return next((str(each.value) for each in given if isinstance(each, ast.Constant)), "r")
+
+
+def test_files_of_users_are_read_behind_the_gate():
+    assert {name for name, path in FILES.items() if reads_whole_files(path)} == UNGATED.keys()
+
+
+@pytest.mark.parametrize("name", ["a.hdr"])
+def test_a_picture_with_a_terabyte_behind_it_is_not_read(name, tmp_path):
+    path = tmp_path / name
+    path.write_bytes(b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 2 +X 2\n")
+    with path.open("r+b") as file:
+        file.truncate(10**12)
+    with pytest.raises(InputError) as refusal:
+        read_image(path)
+    assert str(refusal.value).startswith(f"{path}: expected what fits into memory: reading it takes 1e+03 GB, and ")
 
 
 def test_text_is_read_as_python_reads_it(tmp_path):

@@ -1,5 +1,9 @@
 """What is read back, against what other programs wrote and what the curves' definitions say."""
 
+import errno
+import os
+import subprocess
+import sys
 import zlib
 
 import numpy as np
@@ -30,6 +34,20 @@ def write_png16(path, samples: np.ndarray) -> None:
     head = chunk(b"IHDR", size + bytes([16, 2, 0, 0, 0]))
     body = chunk(b"IDAT", zlib.compress(rows)) + chunk(b"IEND", b"")
     path.write_bytes(b"\x89PNG\r\n\x1a\n" + head + body)
+
+
+@pytest.mark.parametrize(("size", "number"), [(2, errno.ENOSPC), (256, errno.EFBIG)])
+def test_an_exr_that_the_disk_does_not_hold_whole_is_not_there(size, number, tmp_path):
+    """Of small ones OpenEXR itself reports nothing: their bytes reach the disk when the file is closed."""
+    code = (
+        "import resource, numpy; from renderer.images import write_exr;"
+        f"pixels = numpy.random.default_rng(0).random(({size}, {size}, 3), numpy.float32);"
+        "resource.setrlimit(resource.RLIMIT_FSIZE, (300, 300)); write_exr('out.exr', pixels)"
+    )
+    done = subprocess.run([sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, check=False)
+    expected = f"expected a folder that can be written ({os.strerror(number)})"
+    assert done.stderr.splitlines()[-1] == f"renderer.errors.InputError: out.exr: is ., {expected}"
+    assert list(tmp_path.iterdir()) == []
 
 
 @pytest.mark.parametrize("channels", [3, 4])

@@ -126,6 +126,20 @@ def test_a_script_in_the_name_of_a_map_is_refused(tmp_path):
     )
 
 
+def test_a_map_that_memory_does_not_hold_is_not_exported(tmp_path):
+    """A hole of a terabyte takes no room on the disk."""
+    folder = tmp_path / "theirs"
+    folder.mkdir()
+    with (folder / "a.png").open("wb") as file:
+        file.truncate(10**12)
+    material = gold().model_copy(update={"maps": Maps(color="a.png", color_seen="a.png")})
+    with pytest.raises(InputError) as refusal:
+        export(result(materials=(material,)), ["mtl"], tmp_path / "out", "ball", folder / "result.json")
+    expected = "expected what fits into memory: reading it takes 1e+03 GB, and "
+    assert str(refusal.value).startswith(f"{folder / 'a.png'}: {expected}")
+    assert not (tmp_path / "out").exists()
+
+
 @pytest.mark.parametrize("kind", ["away", "fifo", "text", "circle"])
 def test_no_other_file_is_exported_as_a_map(tmp_path, kind):
     secret = tmp_path / "secret"

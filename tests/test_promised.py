@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import lzma
 import struct
 import tracemalloc
 import zlib
@@ -168,24 +169,96 @@ def test_what_memory_does_not_hold_is_refused_with_both_numbers(tmp_path, monkey
 
 @pytest.mark.parametrize("kind", ["zlib", "lzma"])
 def test_a_tiffs_strip_that_holds_more_than_the_picture_is_not_unpacked(kind, tmp_path):
-    import lzma
+    path = tmp_path / "bomb.tif"
+    packer = lzma.LZMACompressor(preset=0) if kind == "lzma" else zlib.compressobj(1)
+    bomb = b"".join([*(packer.compress(bytes(1 << 24)) for _ in range(32)), packer.flush()])  # half a gigabyte of zeros
+    with_strip(path, kind, bomb)
+    with little_memory(), pytest.raises(InputError) as refusal:
+        read_image(path)
+    assert str(refusal.value) == f"{path}: expected strips of no more than the picture's 768 bytes"
 
+
+def with_strip(path, kind: str, strip: bytes) -> None:
+    """A TIFF of 16² pixels, whose only strip is replaced."""
     from tifffile import TiffFile, imwrite
 
-    path = tmp_path / "bomb.tif"
     imwrite(path, np.zeros((16, 16, 3), np.uint8), compression=kind, rowsperstrip=16)
     with TiffFile(path) as file:
         start, count = (file.pages.first.tags[tag] for tag in (273, 279))  # StripOffsets, StripByteCounts
     assert (start.dtype, count.dtype) == (4, 4)
     data = bytearray(path.read_bytes())
-    packer = lzma.LZMACompressor(preset=0) if kind == "lzma" else zlib.compressobj(1)
-    bomb = b"".join([*(packer.compress(bytes(1 << 24)) for _ in range(32)), packer.flush()])  # half a gigabyte of zeros
     data[start.valueoffset : start.valueoffset + 4] = struct.pack("<I", len(data))
-    data[count.valueoffset : count.valueoffset + 4] = struct.pack("<I", len(bomb))
-    path.write_bytes(bytes(data) + bomb)
+    data[count.valueoffset : count.valueoffset + 4] = struct.pack("<I", len(strip))
+    path.write_bytes(bytes(data) + strip)
+
+
+@pytest.mark.parametrize(("window", "read"), [(1 << 26, True), (1 << 30, False)])
+def test_a_few_bytes_of_lzma_do_not_ask_for_a_gigabyte_of_memory(window, read, tmp_path):
+    """The container of .lzma: one byte of properties, then the window's size in four. 64 MiB are preset 9's."""
+    path = tmp_path / "window.tif"
+    packed = lzma.compress(np.full(768, 77, np.uint8).tobytes(), format=lzma.FORMAT_ALONE)
+    with_strip(path, "lzma", packed[:1] + struct.pack("<I", window) + packed[5:])
+    if read:
+        np.testing.assert_array_equal(read_image(path, "linear").radiance * 255, np.full((16, 16, 3), 77))
+        return
+    with pytest.raises(InputError) as refusal:
+        read_image(path)
+    assert str(refusal.value) == f"{path}: expected a readable TIF image (Memory usage limit exceeded)"
+
+
+@pytest.mark.parametrize(("number", "name"), [(50000, "ZSTD"), (7, "JPEG"), (34887, "LERC"), (12345, "12345")])
+def test_a_tiff_of_another_compression_is_refused_whatever_codecs_are_installed(number, name, tmp_path):
+    from tifffile import TiffFile, imwrite
+
+    path = tmp_path / "a.tif"
+    imwrite(path, np.zeros((16, 16, 3), np.uint8))
+    with TiffFile(path) as file:
+        at = file.pages.first.tags[259].valueoffset  # Compression
+    data = bytearray(path.read_bytes())
+    data[at : at + 2] = struct.pack("<H", number)
+    path.write_bytes(bytes(data))
+    with pytest.raises(InputError) as refusal:
+        read_image(path)
+    assert str(refusal.value) == f"{path}: compression: is {name}, expected none, LZW, PackBits, deflate or LZMA"
+
+
+def test_pictures_of_one_colour_are_read_however_few_bytes_they_take(tmp_path):
+    """Which no bound of deflate's holds for: 16.8 million pixels in some hundred bytes, or a few thousand."""
+    from tifffile import imwrite
+
+    PillowImage.new("RGB", (4096, 4096), "white").save(tmp_path / "white.webp", lossless=True)
+    imwrite(tmp_path / "white.tif", np.full((4096, 4096), 255, np.uint8), compression="lzma", rowsperstrip=4096)
+    for path in (tmp_path / "white.webp", tmp_path / "white.tif"):
+        assert path.stat().st_size < 4096
+    assert (read_texture(tmp_path / "white.webp", color=True).texels == 1).all()
+    assert (read_image(tmp_path / "white.tif", "linear").radiance == 1).all()
+
+
+@pytest.mark.parametrize("ending", [".png", ".tif", ".exr"])
+def test_what_deflate_cannot_have_packed_is_refused_by_the_length_of_its_file(ending, tmp_path, monkeypatch):
+    """Of a picture of zeros, whose header then promises 10000² pixels; memory would hold them."""
+    path = tmp_path / f"large{ending}"
+    monkeypatch.setattr("tests.test_promised.SIDE", 10000)
+    monkeypatch.setattr(memory, "available_memory", lambda: 10**11)
+    if ending == ".tif":
+        from tifffile import imwrite
+
+        imwrite(path, np.ones((2, 3, 3), np.uint8), compression="zlib")
+        with_size(path)
+    else:
+        PROMISING[ending](path)
     with little_memory(), pytest.raises(InputError) as refusal:
         read_image(path)
-    assert str(refusal.value) == f"{path}: expected strips of no more than the picture's 768 bytes"
+    most = 8256 * path.stat().st_size  # 1032 bytes of a bit a pixel
+    expected = f"expected at most {most} pixels, which a file of this size can hold"
+    assert str(refusal.value) == f"{path}: size: is 10000 × 10000, {expected}"
+
+
+def test_both_copies_of_an_exr_s_floats_are_counted(tmp_path):
+    """OpenEXR's samples, and the array that they are stacked in."""
+    path = tmp_path / "a.exr"
+    write_exr(path, np.random.default_rng(0).random((512, 512, 4), np.float32))
+    assert image_size(path).stored == 512 * 512 * 4 * (4 + 4)
 
 
 @pytest.mark.parametrize("kind", ["zlib", "lzma", None])
@@ -250,7 +323,9 @@ def test_every_part_of_an_exr_counts_which_are_read_together(tmp_path):
     assert data.count(window) == 4  # dataWindow and displayWindow of each
     at = data.rindex(b"dataWindow\0box2i\0") + 21
     path.write_bytes(data[:at] + struct.pack("<iiii", 0, 0, 999_999, 999_999) + data[at + 16 :])
-    with pytest.raises(InputError, match=r"size: is 5 × 4, expected what fits into memory: reading it takes 6e\+03 GB"):
+    with pytest.raises(
+        InputError, match=r"size: is 5 × 4, expected what fits into memory: reading it takes 2.4e\+04 GB"
+    ):
         read_image(path)
 
 
