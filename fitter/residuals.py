@@ -50,7 +50,7 @@ class Residuals:
         first, second = (replace(self, model=self.model.half(which)) for which in (0, 1))
         return first, second
 
-    @cached_property
+    @property
     def rounded(self) -> Residuals:
         """The same by the light table as another processor might have rounded it."""
         return replace(self, model=self.model.rounded())

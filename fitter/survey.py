@@ -54,8 +54,9 @@ class _Survey:
 
     @staticmethod
     def of(problem: Problem, fit: Fit) -> _Survey:
-        fits = [next_round(problem.coarse, fit, level) for level in _levels(problem.coarse.search_table)]
-        roughness = torch.tensor([roughness_of(each) for each in fits], dtype=torch.float64)
+        table = problem.coarse.search_table
+        fits = [next_round(problem.coarse, fit, level) for level in _levels(table)]
+        roughness = torch.tensor(table.roughnesses, dtype=torch.float64)
         nearest = int((roughness / roughness_of(fit)).log().abs().argmin())
         squares = _squares(fits, nearest)
         best = int(squares.sum(1).argmin())

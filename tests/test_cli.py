@@ -234,14 +234,15 @@ def test_closed_streams_keep_the_exit_code_and_the_files(streams, tmp_path):
 
 
 @pytest.mark.fits
-@pytest.mark.parametrize("capability", ["", "default"])
-def test_undetermined_is_exit_code_one(tmp_path, capability, monkeypatch):
+@pytest.mark.parametrize("instructions", [{}, {"ATEN_CPU_CAPABILITY": "default"}])
+def test_undetermined_is_exit_code_one(tmp_path, instructions, monkeypatch):
     """Under light that is the same from everywhere a small roughness shows nowhere, whatever a processor can do."""
     write_exr(tmp_path / "grey.exr", np.ones((8, 16, 3), np.float32))
     iron = metal("Fe")
     options = SynthOptions(TrueMetal(iron.n, iron.k, 0.02), size=24, spp=64, views=1, env=str(tmp_path / "grey.exr"))
     scene = synthesise(options, tmp_path / "scene")
-    monkeypatch.setitem(ENVIRONMENT, "ATEN_CPU_CAPABILITY", capability)
+    for key, value in instructions.items():
+        monkeypatch.setitem(ENVIRONMENT, key, value)
     ended = run("fit", scene, "-o", tmp_path / "out", "--fidelity", "preview", "--type", "metal")
     assert (ended.returncode, ended.stderr) == (1, "")
     found = strictly_parsed(tmp_path / "out" / "result.json")

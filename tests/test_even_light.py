@@ -28,8 +28,6 @@ from shaders.materials import Glossy, Metal
 from tests.modelled import Modelled, written
 from tests.soft_scene import soft_light
 
-pytestmark = pytest.mark.fits
-
 
 def float64(*values: float) -> torch.Tensor:
     return torch.tensor(values, dtype=torch.float64)

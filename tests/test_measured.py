@@ -29,8 +29,6 @@ from shaders.materials import Matte
 from tests.modelled import Modelled, written
 from tests.soft_scene import soft_light
 
-pytestmark = pytest.mark.fits
-
 WHITE = torch.ones(3, dtype=torch.float64)
 COLOR = torch.tensor([0.6, 0.3, 0.05], dtype=torch.float64)
 CASES = [("viewer", 1.0, 1), ("viewer", 1.0, 3), ("viewer", 1.05, 0), ("preview", 1.05, 0)]

@@ -19,8 +19,6 @@ from renderer.errors import InputError
 from renderer.synth import SynthOptions, synthesise
 from renderer.truth import TrueMetal
 
-pytestmark = pytest.mark.fits
-
 # The directions that the standard has, for half its pixels and with fewer rays in each: F0 to half a percent.
 FIDELITY = replace(PRESETS["standard"], pixels=2000, footprint=2)
 
