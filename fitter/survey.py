@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+import math
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import torch
@@ -10,7 +11,6 @@ from jaxtyping import Bool, Float
 from torch import Tensor
 
 from fitter.alike import Alike, as_good
-from fitter.halves import Halves
 from fitter.search import Fit, Problem, facing, is_roughness_resolved, next_round, refined, roughness_of
 from renderer.transport import LightTable
 
@@ -29,7 +29,7 @@ def surveyed(problem: Problem, fit: Fit) -> Fit:
         survey = _Survey.of(facing(problem, fit), fit)
         if survey.as_good[survey.nearest] or not left:
             break
-        fit = refined(problem, survey.fits[survey.best])
+        fit = refined(problem, survey.best)
     stopped = replace(fit.solution, status="stopped")
     found = fit if survey.as_good[survey.nearest] else replace(fit, solution=stopped)
     return replace(found, alike=survey.alike)
@@ -37,30 +37,56 @@ def surveyed(problem: Problem, fit: Fit) -> Fit:
 
 @dataclass(frozen=True)
 class _Survey:
-    """Fits with the roughness held at each of the levels of the search's table.
+    """Fits with the roughness held at levels of the search's table: outwards from the one found, as far as they explain
+    the photographs as well as any before, and one beyond.
 
     Attributes:
         fits: from the lowest to the highest.
         roughness: theirs.
-        nearest, best: which of them has the roughness found, and which explains the photographs best.
-        as_good: which explain them as well.
+        nearest: which of them has the roughness found.
+        squares: of their residuals; see `_squares`.
     """
 
-    fits: Sequence[Fit]
-    roughness: Float[Tensor, " a"]
+    fits: tuple[Fit, ...]
+    roughness: tuple[float, ...]
     nearest: int
-    best: int
-    as_good: Bool[Tensor, " a"]
+    squares: Float[Tensor, "a p"]
 
     @staticmethod
     def of(problem: Problem, fit: Fit) -> _Survey:
-        table = problem.coarse.search_table
-        fits = [next_round(problem.coarse, fit, level) for level in _levels(table)]
-        roughness = torch.tensor(table.roughnesses, dtype=torch.float64)
-        nearest = int((roughness / roughness_of(fit)).log().abs().argmin())
-        squares = _squares(fits, nearest)
-        best = int(squares.sum(1).argmin())
-        return _Survey(fits, roughness, nearest, best, as_good(squares))
+        coarse = problem.coarse
+        levels = list(_levels(coarse.search_table))
+        apart = [abs(math.log(_middle(level) / roughness_of(fit))) for level in levels]
+        start = apart.index(min(apart))
+        first = next_round(coarse, fit, levels[start])
+        survey = _Survey((first,), (_middle(levels[start]),), 0, _squares(first, first)[None])
+        for level in levels[start + 1 :]:
+            survey = survey._with(next_round(coarse, survey.fits[-1], level), level, above=True)
+            if not survey.as_good[-1]:
+                break
+        for level in reversed(levels[:start]):
+            survey = survey._with(next_round(coarse, survey.fits[0], level), level, above=False)
+            if not survey.as_good[0]:
+                break
+        return survey
+
+    def _with(self, fit: Fit, level: LightTable, above: bool) -> _Survey:
+        """One more at an end."""
+        fits, roughness, squares = (fit,), (_middle(level),), _squares(fit, self.fits[self.nearest])[None]
+        if above:
+            more = (self.fits + fits, self.roughness + roughness, self.nearest, torch.cat([self.squares, squares]))
+        else:
+            more = (fits + self.fits, roughness + self.roughness, self.nearest + 1, torch.cat([squares, self.squares]))
+        return _Survey(*more)
+
+    @property
+    def as_good(self) -> Bool[Tensor, " a"]:
+        """Which explain the photographs as well as the best."""
+        return as_good(self.squares)
+
+    @property
+    def best(self) -> Fit:
+        return self.fits[int(self.squares.sum(1).argmin())]
 
     @property
     def alike(self) -> Alike:
@@ -72,14 +98,14 @@ class _Survey:
         x = torch.stack([self.fits[each].x for each in known])
         moved = x - self.fits[self.nearest].x
         moved[:, self.fits[0].residuals.coordinates.size - 1] = 0.0
-        return Alike((float(self.roughness[low]), float(self.roughness[high])), moved)
+        return Alike((self.roughness[low], self.roughness[high]), moved)
 
 
-def _squares(fits: Sequence[Fit], nearest: int) -> Float[Tensor, "a p"]:
-    """r_A · r_B of each fit and pixel, weighed as by the nearest: the table's noise is no misfit."""
-    whitening = fits[nearest].residuals.robust_whitening(fits[nearest].x)
-    halves = [Halves.at(fit.x, fit.residuals, whitening).differences for fit in fits]
-    return torch.stack([(first * second).sum(1) for first, second in halves])
+def _squares(fit: Fit, like: Fit) -> Float[Tensor, " p"]:
+    """r_A · r_B of each pixel, weighed as by another fit of them: the table's noise is no misfit."""
+    whitening = like.residuals.robust_whitening(like.x)
+    first, second = (torch.einsum("prc,pc->pr", whitening, half.difference(fit.x)) for half in fit.residuals.halves)
+    return (first * second).sum(1)
 
 
 def _levels(table: LightTable) -> Iterator[LightTable]:
@@ -87,3 +113,8 @@ def _levels(table: LightTable) -> Iterator[LightTable]:
     for index, roughness in enumerate(table.roughnesses):
         light = table.light[:, index : index + 1]
         yield replace(table, light=light, low=roughness * (1 - NARROW), high=roughness * (1 + NARROW))
+
+
+def _middle(level: LightTable) -> float:
+    """Its roughness."""
+    return (level.low + level.high) / 2
