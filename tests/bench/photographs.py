@@ -15,6 +15,7 @@ from fitter.catalogue import metal
 from renderer.atomic import replaced_together, write_text_atomically
 from renderer.images import read_image, write_exr
 from renderer.synth import SynthOptions, noisy, synthesise
+from renderer.synth_files import outputs_of
 from renderer.truth import TrueMetal
 from tests.bench.setting import CACHE, SHARED
 
@@ -56,13 +57,14 @@ def _with_noise(clean: Path, options: SynthOptions, scene: Path) -> Path:
     """A copy of a scene with noise on its photographs: what `synthesise` writes for these options."""
     with replaced_together(scene.parent, last="scene.toml") as folder:
         for path in clean.parent.iterdir():
-            if path.suffix != MEASURED:
+            if path.suffix != MEASURED and path.name != "truth.json":
                 os.link(path, folder / path.name)
         for index in range(options.views):
             image = read_image(clean.with_name(f"view_{index}.exr"))
             pixels = np.concatenate([image.radiance, image.alpha[..., None]], -1)  # type: ignore[index] — synth's have it
             write_exr(folder / f"view_{index}.exr", noisy(pixels, options, index))
-        truth = json.loads(clean.with_name("truth.json").read_text(encoding="utf-8")) | {"noise": options.noise}
+        truth = json.loads(clean.with_name("truth.json").read_text(encoding="utf-8"))
+        truth |= {"noise": options.noise, **outputs_of(folder, scene.parent)}
         write_text_atomically(folder / "truth.json", json.dumps(truth, indent=2, ensure_ascii=False) + "\n")
     return scene
 
