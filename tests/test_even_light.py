@@ -73,11 +73,13 @@ def rounded_otherwise(table: LightTable) -> LightTable:
     return replace(table, light=table.light * (1 + 1e-7 * noise))
 
 
-@pytest.mark.parametrize("kind", ["metal", "glossy"])
+@pytest.mark.fits
+@pytest.mark.parametrize("kind", ["metal", pytest.param("glossy", marks=pytest.mark.slow)])
 def test_no_roughness_is_determined(tmp_path, kind):
     assert_roughness_is_open(fitted(scene(tmp_path, kind, 0.02), kind), 0.02)
 
 
+@pytest.mark.slow  # one more such fit
 def test_nor_in_light_that_hardly_varies(tmp_path):
     """By a millionth, which is less than the table's noise and the photographs'."""
     assert_roughness_is_open(fitted(scene(tmp_path, "metal", 0.02, contrast=1e-6), "metal"), 0.02)
@@ -141,6 +143,7 @@ assert_roughness_is_open(fitted(Path(sys.argv[1]), "metal"), 0.02)
 """
 
 
+@pytest.mark.slow  # `make test-arithmetic` does the same for the command
 def test_other_instructions_find_no_roughness_either(tmp_path):
     root = Path(__file__).resolve().parents[1]
     environment = {

@@ -15,7 +15,7 @@ import pytest
 
 from renderer import llvm
 
-pytestmark = pytest.mark.dr_jit
+pytestmark = [pytest.mark.dr_jit, pytest.mark.slow]  # slow for all but `make test-llvm`
 
 SMALL = ("--pixels", "200", "--samples", "64", "--type", "metal")
 
