@@ -2,23 +2,21 @@
 
 from __future__ import annotations
 
+import json
 import re
+import unicodedata
 
-_CONTROLS = "\x00-\x1f\x7f-\x9f\u2028\u2029"  # C0, DEL, C1, and separators of lines and paragraphs
-_NO_CHARACTERS = "\ud800-\udfff\ufffe\uffff"
-_CONTROL = re.compile(f"[{_CONTROLS}]")
-_UNPRINTABLE = re.compile(f"[{_CONTROLS}{_NO_CHARACTERS}]")
-_UNPRINTABLE_WITHIN_LINES = re.compile(rf"(?!\n)[{_CONTROLS}{_NO_CHARACTERS}]")
+_CONTROL = re.compile("[\x00-\x1f\x7f-\x9f\u2028\u2029]")  # C0, DEL, C1, and separators of lines and paragraphs
 
 
 def printable(text: str) -> str:
-    r"""A text in one line, in which control characters and halves of characters are spelled out: \n, \x1b, \ud800."""
-    return _UNPRINTABLE.sub(_spelled, text)
+    r"""A text in one line; what is no visible character is spelled out: \n, \x1b, \ufeff, \u202e, \ud800."""
+    return "".join(each if each.isprintable() else _spelled(each) for each in text)
 
 
 def printable_lines(text: str) -> str:
-    """As `printable`, of a text that has lines of its own."""
-    return _UNPRINTABLE_WITHIN_LINES.sub(_spelled, text)
+    """As `printable`, of a text that has lines, and spaces of all widths, of its own."""
+    return "".join(each if each == "\n" or _is_seen(each) else _spelled(each) for each in text)
 
 
 def has_controls(text: str) -> bool:
@@ -39,6 +37,10 @@ def is_unicode(text: str) -> bool:
     return unicode_text(text) == text
 
 
-def _spelled(found: re.Match[str]) -> str:
-    code = ord(found[0])
-    return ascii(found[0])[1:-1] if code < 0x7F else f"\\u{code:04x}"  # as JSON has it, which the text may be
+def _is_seen(character: str) -> bool:
+    return character.isprintable() or unicodedata.category(character) == "Zs"
+
+
+def _spelled(character: str) -> str:
+    """As Python has it below 0x7F, as JSON above, which the text may be."""
+    return ascii(character)[1:-1] if ord(character) < 0x7F else json.dumps(character)[1:-1]

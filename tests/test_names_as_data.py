@@ -233,3 +233,12 @@ def test_the_progress_bar_takes_names_as_they_are(monkeypatch, capsys):
     told = capsys.readouterr().err
     assert ESCAPE not in told
     assert "\x07" not in told
+
+
+@pytest.mark.parametrize("hidden", ["\ufeff", "\u202e", "\u200b", "\U000e0041", "\ud800", "\u0085", "\x1b", "\n"])
+def test_what_is_no_visible_character_is_spelled_out(hidden):
+    """Marks that turn the direction of writing show a name as another; above 0x7F as JSON spells them."""
+    shown = printable(f"é{hidden}σ")
+    assert shown.isprintable()
+    assert (shown[0], shown[-1]) == ("é", "σ")
+    assert json.loads(f'"{shown}"' if ord(hidden) > 0x7E else json.dumps(f"é{hidden}σ")) == f"é{hidden}σ"

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from fitter.mtl import ordinary_mtl, thesis_mtl
@@ -305,6 +305,7 @@ lines = st.lists(st.lists(tokens, max_size=5).map(" ".join), max_size=12).map("\
 
 
 @given(data=st.one_of(lines.map(str.encode), st.binary()), dialect=st.sampled_from(["auto", "thesis", "ordinary"]))
+@example(data=b"Ns \xef\xbb\xbf", dialect="auto")
 def test_any_bytes_are_read_or_refused_in_one_sentence(data, dialect):
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "a.mtl"
