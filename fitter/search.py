@@ -140,10 +140,7 @@ def _guessed(problem: Problem, kind: MaterialType, model: PixelModel) -> Gains |
 
 
 def refined(problem: Problem, rough: Fit) -> Fit:
-    """The draft made precise: finer tables around its roughness, the last of them laid anew where it leaves them.
-
-    A roughness that left the last of them, too, was not found: the fit is stopped.
-    """
+    """The draft made precise: finer tables around its roughness, the last of them laid anew where it leaves them."""
     return _last(_refinements(problem, rough))
 
 
@@ -173,15 +170,12 @@ def _finest(problem: Problem, fit: Fit) -> Iterator[Fit]:
             problem = facing(problem, fit)
         return
     fidelity = problem.fidelity
-    for left in range(MORE_ROUNDS, -1, -1):
+    for _ in range(1 + MORE_ROUNDS):
         span = _span_around(roughness_of(fit), fidelity.spans[-1], problem.whole)
         table = problem.table(span, fidelity.levels, fidelity.samples, "integrating")
         fit = next_round(problem, fit, table, everywhere=True)
-        at_an_end = _at_an_end(roughness_of(fit), span, problem.whole)
-        if at_an_end and not left and is_roughness_resolved(fit):
-            fit = replace(fit, solution=replace(fit.solution, status="stopped"))
         yield fit
-        if not at_an_end and not _turned_away(fit):
+        if not left_its_table(problem, fit) and not _turned_away(fit):
             break
         problem = facing(problem, fit)
 
@@ -281,9 +275,13 @@ def _turned_away(fit: Fit) -> bool:
     return abs(_degrees(fit) - gains.nuisances.turn.centre) > gains.nuisances.turn.step
 
 
-def _at_an_end(roughness: float, span: tuple[float, float], whole: tuple[float, float]) -> bool:
-    """Whether the roughness ran into an end of its span, in the outer twentieth, that is no end of the whole range."""
-    low, high = span
+def left_its_table(problem: Problem, fit: Fit) -> bool:
+    """Whether the roughness ran into an end of its table's span, in the outer twentieth, that is no end of the whole
+    range."""
+    span = fit.residuals.coordinates.roughness
+    if span is None:
+        return False
+    low, high, whole, roughness = span.low, span.high, problem.whole, roughness_of(fit)
     margin = 0.05 * (high - low)
     at_low = roughness < low + margin and low > whole[0] * 1.01
     at_high = roughness > high - margin and high < whole[1] / 1.01

@@ -11,7 +11,7 @@ from jaxtyping import Bool, Float
 from torch import Tensor
 
 from fitter.alike import Alike, as_good
-from fitter.search import Fit, Problem, facing, is_roughness_resolved, next_round, refined, roughness_of
+from fitter.search import Fit, Problem, facing, is_roughness_resolved, left_its_table, next_round, refined, roughness_of
 from renderer.transport import LightTable
 
 NARROW = 1e-3  # half the relative width of a table of one roughness
@@ -20,11 +20,11 @@ NARROW = 1e-3  # half the relative width of a table of one roughness
 def surveyed(problem: Problem, fit: Fit) -> Fit:
     """The fit with what else its roughness may be; begun anew where another one explains the photographs better.
 
-    That is asked only where the picture does not change with the roughness: else its error is known. Where a second fit
-    is no better, it is stopped.
+    That is asked only where the picture does not change with the roughness: else its error is known; or where the
+    roughness left the last of its tables, and so was not found. Where a second fit is no better, it is stopped.
     """
     for left in (1, 0):
-        if is_roughness_resolved(fit):
+        if is_roughness_resolved(fit) and not left_its_table(problem, fit):
             return fit
         survey = _Survey.of(facing(problem, fit), fit)
         if survey.as_good[survey.nearest] or not left:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import re
-import resource
 import subprocess
 import sys
 
@@ -32,13 +31,12 @@ COMMANDS = [
 
 def run(*arguments: str, limit: int, folder) -> subprocess.CompletedProcess[str]:
     return subprocess.run(
-        [sys.executable, "-m", "fitter.cli", *arguments],
+        ["sh", "-c", f'ulimit -v {limit >> 10}; exec "$@"', "sh", sys.executable, "-m", "fitter.cli", *arguments],
         capture_output=True,
         text=True,
         check=False,
         timeout=300,
         cwd=folder,
-        preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_AS, (limit, limit)),
     )
 
 

@@ -128,10 +128,15 @@ def test_solvers_agree(iron, iron_result, solver, tmp_path):
     assert abs(found.alpha - reference.alpha) < 0.2 * reference.stderr.alpha
 
 
+def timeless(result):
+    """What a result says, but for the time that the fit took: the report says that, too."""
+    said = result.model_dump(exclude={"time"})
+    return said | {"outputs": [file for file in said["outputs"] if file["path"] != "report.html"]}
+
+
 def test_the_same_seed_gives_the_same_result_and_another_does_not(iron, iron_result, tmp_path):
     again, other = fitted(iron, tmp_path / "again"), fitted(iron, tmp_path / "other", seed=1)
-    timeless = {"time"}
-    assert again.model_dump(exclude=timeless) == iron_result.model_dump(exclude=timeless)
+    assert timeless(again) == timeless(iron_result)
     assert other.materials[0].f0 != iron_result.materials[0].f0
     assert_recovered(other.materials[0], truth_of(iron))
 
