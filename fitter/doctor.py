@@ -16,11 +16,11 @@ from fitter.address_space import require_address_space
 from renderer import dr_jit, llvm
 from renderer.child_process import run_python
 from renderer.errors import InputError
-from renderer.memory import available_memory
+from renderer.memory import GIGABYTE, available_memory
 from renderer.processors import usable_cores
 
 PYTHON = (3, 11)
-MEMORY, DISK = 2 * 2**30, 2**30  # bytes: a fit of the standard fidelity takes 1.2 to 1.6 GiB; a result some megabytes
+MEMORY, DISK = 2 * GIGABYTE, GIGABYTE  # a fit of the standard fidelity takes 1.3 to 1.7 GB; a result some megabytes
 PATIENCE = 120  # seconds until a library has to be imported
 REINSTALL = "make install"
 OPENGL = """
@@ -151,12 +151,12 @@ def processors() -> Check:
 def memory() -> Check:
     """Memory that this process may take, and how much of it a limit on address space leaves."""
     free = available_memory()
-    found = f"{free / 2**30:.1f} GiB free"
+    found = f"{free / GIGABYTE:.1f} GB free"
     try:
         require_address_space()
     except InputError as error:
         return Check("memory", False, f"{found}; {error}", "ulimit -v unlimited")
-    remedy = "" if free >= MEMORY else "end other programs: a fit takes up to 1.6 GiB"
+    remedy = "" if free >= MEMORY else "end other programs: a fit takes up to 1.7 GB"
     return Check("memory", free >= MEMORY, found, remedy)
 
 
@@ -166,7 +166,7 @@ def disk() -> Check:
         free = {folder: shutil.disk_usage(folder).free for folder in (tempfile.gettempdir(), os.getcwd())}
     except OSError as error:  # no folder for temporary files, or a working folder that is gone
         return Check("disk", False, str(error), "set TMPDIR to a folder that can be written; work in one that exists")
-    found = ", ".join(f"{size / 2**30:.1f} GiB free in {folder}" for folder, size in free.items())
+    found = ", ".join(f"{size / GIGABYTE:.1f} GB free in {folder}" for folder, size in free.items())
     ok = min(free.values()) >= DISK
     return Check("disk", ok, found, "" if ok else "make space")
 

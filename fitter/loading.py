@@ -8,11 +8,12 @@ from pathlib import Path
 
 from fitter.album import Album
 from fitter.given_maps import given_maps, shape_under
-from fitter.result import InputFile, MaterialType, sha256_of
+from fitter.result import InputFile, MaterialType
 from renderer import gbuffer
 from renderer.appearance import Maps
 from renderer.checked import PLAIN
 from renderer.colmap import model_files
+from renderer.digests import sha256_of
 from renderer.environment import Environment, read_environment
 from renderer.errors import InputError
 from renderer.gbuffer import Tracer

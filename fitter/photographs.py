@@ -11,9 +11,10 @@ import torch
 from jaxtyping import Bool, Float
 from torch import Tensor
 
-from fitter.result import InputFile, sha256_of
+from fitter.result import InputFile
 from renderer.camera import Camera
 from renderer.clipping import dilated
+from renderer.digests import sha256_of
 from renderer.errors import InputError
 from renderer.exposures import expose
 from renderer.images import LOSSY, read_image

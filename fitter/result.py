@@ -6,7 +6,6 @@ determine may have no standard error. NaN and Infinity are refused on the way ou
 
 from __future__ import annotations
 
-import hashlib
 import json
 import re
 from pathlib import Path
@@ -17,7 +16,7 @@ from pydantic import AfterValidator, ConfigDict, Field, model_validator
 from renderer.atomic import write_text_atomically
 from renderer.checked import Checked, check, require_plain, unexpected
 from renderer.errors import InputError
-from renderer.files import read_text, require_regular
+from renderer.files import read_text
 from renderer.printable import unicode_text
 
 FORMAT = 1
@@ -395,28 +394,16 @@ def read_result(path: str | Path) -> Result:
         data = json.loads(read_text(Path(path), "utf-8"))
     except OSError as error:
         raise InputError(path, expected=f"a result.json that can be read ({error.strerror})") from error
-    except ValueError as error:  # of the decoding or of the JSON
+    except (UnicodeDecodeError, json.JSONDecodeError) as error:
         raise InputError(path, expected=f"strict JSON in UTF-8 ({error})") from error
+    except ValueError:  # Python reads no int of more than 4300 digits
+        raise InputError(path, expected="strict JSON without numbers of thousands of digits") from None
     except RecursionError:
         raise InputError(path, expected="JSON without hundreds of lists inside each other") from None
     result = check(Result, data, Path(path))
     told = {key: value for key, value in data.items() if key != "message"}  # that may have lines
     require_plain(told, Path(path))  # names go into scripts and scenes, where a line break ends them
     return result
-
-
-def sha256_of(path: str | Path) -> str:
-    """SHA-256 of a file's bytes, 64 lower-case hexadecimal digits.
-
-    Raises:
-        InputError: the file cannot be read.
-    """
-    require_regular(path)
-    try:
-        with open(path, "rb") as file:
-            return hashlib.file_digest(file, "sha256").hexdigest()
-    except OSError as error:
-        raise InputError(path, expected=f"a file that can be read ({error.strerror})") from error
 
 
 def _short_lists_on_one_line(text: str) -> str:

@@ -8,6 +8,7 @@ from pathlib import Path
 from fitter.result import OutputFile, Result, read_result
 from renderer.errors import InputError
 from renderer.replaceable import Replaceable, contents, unchanged
+from renderer.unfinished import sweep
 
 RESULT = "result.json"
 PICTURES = ("report.html", "comparison.png")
@@ -16,7 +17,8 @@ KNOWN = f"one that the {RESULT} there lists and nobody has changed"
 
 
 def replaceable_by_fit(folder: Path, inputs: Iterable[Path]) -> Replaceable:
-    """What a fit that reads `inputs` may replace in a folder."""
+    """What a fit that reads `inputs` may replace in a folder, in which an interrupted one's files are moved first."""
+    sweep(folder)
     return Replaceable(tuple(inputs), written_by_fit(folder), KNOWN)
 
 

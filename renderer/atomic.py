@@ -13,6 +13,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from renderer.errors import InputError
+from renderer.moves import move
 from renderer.replaceable import ANYTHING, Replaceable
 from renderer.unfinished import prefix_here, sweep
 
@@ -62,7 +63,8 @@ def replaced_together(
     """Lend a temporary folder whose files replace those of `directory` when the block ends well.
 
     If the block raises anything, KeyboardInterrupt included, `directory` keeps every file it had; one that was made for
-    it goes again. What dead processes have left unfinished there is swept.
+    it goes again. A block that ended well replaces all files, though its process dies meanwhile: the next one that
+    works in `directory` moves the rest (`renderer.moves`). What else dead processes left unfinished there is swept.
 
     Args:
         directory: the folder to fill, made if it is not there. Files with other names are left alone.
@@ -162,9 +164,7 @@ def _move_files(source: Path, directory: Path, last: str, option: str, replaceab
     names = [name for name in names if not _same_bytes(source / name, directory / name)]
     replaceable.require(directory, names, option)
     try:
-        for name in names:
-            (directory / name).parent.mkdir(parents=True, exist_ok=True)
-            os.replace(source / name, directory / name)
+        move(source, directory, names)
     except OSError as error:
         raise _not_writable(directory, option, error) from error
 

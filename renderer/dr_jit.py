@@ -7,19 +7,16 @@ prepares whichever import comes first.
 from __future__ import annotations
 
 import ctypes
-import importlib.util
 import os
 import sys
 import tempfile
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import contextmanager, suppress
-from functools import partial
-from importlib.abc import MetaPathFinder
-from importlib.machinery import ModuleSpec
 from types import ModuleType
 
 from renderer import llvm
 from renderer.errors import InputError
+from renderer.first_import import Execute, at_first_import
 from renderer.silence import redirected
 
 SYSTEM_LIBRARY = "libatomic.so.1"  # Dr.Jit's wheel is linked against it and does not bring it
@@ -49,27 +46,10 @@ def require_system_library() -> None:
 
 def prepare_imports() -> None:
     """From now on, the first import of Dr.Jit is prepared, wherever it comes from."""
-    if "drjit" not in sys.modules:
-        sys.meta_path.insert(0, _Finder())
+    at_first_import("drjit", _execute, prepare)
 
 
-class _Finder(MetaPathFinder):
-    """Finds Dr.Jit as Python would, once, and prepares it."""
-
-    def find_spec(
-        self, name: str, path: Sequence[str] | None = None, target: ModuleType | None = None
-    ) -> ModuleSpec | None:
-        if name != "drjit":
-            return None
-        prepare()
-        sys.meta_path.remove(self)
-        spec = importlib.util.find_spec(name)
-        if spec is not None and spec.loader is not None:
-            spec.loader.exec_module = partial(_execute, spec.loader.exec_module)
-        return spec
-
-
-def _execute(execute: Callable[[ModuleType], None], module: ModuleType) -> None:
+def _execute(execute: Execute, module: ModuleType) -> None:
     """Import Dr.Jit; its remarks about libraries, which it makes at once, are in words of our own already."""
     with _without_its_remarks():
         execute(module)

@@ -85,7 +85,7 @@ def prepare() -> Choice:
     choice = Choice(None) if unwanted else choose(requested, candidates())
     os.environ[LIBRARY] = choice.chosen.library if choice.chosen else os.devnull
     if not unwanted:
-        for sentence in complaints(choice, requested):
+        for sentence in [*_misspelt(), *complaints(choice, requested)]:
             with suppress(OSError):  # nobody reads errors, or they cannot be written
                 print(f"fit-material: {printable(sentence)}", file=sys.stderr, flush=True)
     if choice.chosen is None:
@@ -93,10 +93,18 @@ def prepare() -> Choice:
     return choice
 
 
+def _misspelt() -> Iterator[str]:
+    if switch := os.environ.get(SWITCH):
+        yield str(InputError(SWITCH, value=switch, expected=f"{NONE}, or no such variable; it is ignored"))
+
+
 def choose(requested: str | None, found: Iterable[Path]) -> Choice:
     """The first usable library of the one that was requested, if any, and of those that were found, in this order."""
     refused = []
-    for library in dict.fromkeys([*filter(None, [requested]), *map(str, found)]):
+    each_once: dict[str, str] = {}
+    for library in [*filter(None, [requested]), *map(str, found)]:
+        each_once.setdefault(os.path.realpath(library), library)
+    for library in each_once.values():
         verdict = verdict_on(library)
         if verdict.usable:
             return Choice(verdict, tuple(refused))
@@ -180,7 +188,8 @@ def _prove(library: str) -> tuple[Verdict, bool]:
     if done.returncode == 0:
         return Verdict(library, True, version=done.stdout.strip()), True
     lasting = done.returncode == REFUSED or -done.returncode in CRASHES
-    return Verdict(library, False, reason=_reason(done)), lasting
+    reason = _reason(done).replace(f'Unable to load "{library}": {library}: ', "")
+    return Verdict(library, False, reason=reason), lasting
 
 
 def _reason(done: subprocess.CompletedProcess[str]) -> str:

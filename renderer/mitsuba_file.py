@@ -106,7 +106,7 @@ class Node:
         """The value of a property, a whole number at least 0 and below 2³¹."""
         text = self.text().strip()
         if not re.fullmatch(r"\d{1,10}", text, re.ASCII) or int(text) >= 1 << 31:
-            raise self.refused(text, "a whole number")
+            raise self.refused(text, "a whole number below 2³¹")
         return int(text)
 
     def number_in(self, text: str) -> float:
@@ -186,6 +186,8 @@ def _define(path: Path, element: Element, defaults: dict[str, str]) -> None:
     """Take over the `default`s in an element, or that it is; of two of one name the first counts."""
     for each in element.iter("default"):
         node = Node(path, "default", each)
+        if len(each):
+            raise node.refused("with elements inside", "a name and a value alone")
         _substitute(node, defaults)
         values = node.attributes(("name", "value"))
         defaults.setdefault(values["name"], values["value"])

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import json
 import os
 from collections.abc import Iterable, Mapping
@@ -10,6 +9,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from renderer.digests import sha256_or_none
 from renderer.errors import InputError
 from renderer.files import read_text
 
@@ -82,14 +82,3 @@ def json_with(path: Path, *keys: str) -> dict[str, Any] | None:
     except (OSError, ValueError, RecursionError, InputError):
         return None
     return data if isinstance(data, dict) and data.keys() >= {*keys} else None
-
-
-def sha256_or_none(path: Path) -> str | None:
-    """SHA-256 of a file's bytes in hexadecimal; None where it cannot be read, or is a link or no regular file."""
-    if path.is_symlink() or not path.is_file():
-        return None
-    try:
-        with open(path, "rb") as file:
-            return hashlib.file_digest(file, "sha256").hexdigest()
-    except OSError:
-        return None

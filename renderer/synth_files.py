@@ -15,6 +15,7 @@ from renderer.errors import InputError
 from renderer.replaceable import Replaceable, contents, json_with, unchanged
 from renderer.scene import LightSpec
 from renderer.truth import TrueMaterial, TrueMatte, TrueMetal
+from renderer.unfinished import sweep
 from renderer.views import View
 from shaders.fresnel import normal_reflectance
 
@@ -45,6 +46,7 @@ def require_room_for_photographs(folder: Path, views: int, mesh: Path | None, in
     copied = copied_mesh(mesh, folder)
     names = [SCENE, TRUTH, MAP, *map(view_name, range(views)), *([] if copied is None else [copied.name])]
     require_names(folder, names, "--mesh")
+    sweep(folder)
     allowed = Replaceable(tuple(inputs), _written_here(folder, names), KNOWN)
     allowed.require(folder, names)
     return allowed

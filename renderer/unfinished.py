@@ -13,6 +13,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
+from renderer.moves import finish
+
 PREFIX = ".unfinished-"
 ENDED = ("Z", "X")  # states of /proc/PID/stat: a zombie works no more
 SILENT = 7 * 86400  # seconds without a change, after which work of a process that nobody here can ask for is given up
@@ -33,10 +35,14 @@ def prefix_here() -> str:
 
 
 def sweep(directory: Path) -> None:
-    """Remove what dead processes have left unfinished in that folder; what may be a living one's stays."""
+    """Remove what dead processes have left unfinished in that folder; what may be a living one's stays.
+
+    Files that a dead one was just moving into `directory` are moved first.
+    """
     with suppress(OSError):
         for path in directory.glob(f"{PREFIX}*"):
             if is_abandoned(path):
+                finish(path, directory)
                 _remove(path)
 
 

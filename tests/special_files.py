@@ -36,8 +36,9 @@ def readers() -> Iterator[tuple[str, str, Callable[[Path], Any]]]:
     """What reads a file, and the file's name."""
     from fitter.batch.scene_list import read_lists
     from fitter.frontier_errors import truth_beside
-    from fitter.result import read_result, sha256_of
+    from fitter.result import read_result
     from renderer.cameras import read_cameras
+    from renderer.digests import sha256_of
     from renderer.environment import read_environment
     from renderer.exif import relative_exposure
     from renderer.images import read_image

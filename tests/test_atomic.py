@@ -56,7 +56,7 @@ def test_files_arrive_together_the_result_last(tmp_path, monkeypatch):
         (folder / "sub").mkdir()
         (folder / "sub" / "map.png").write_text("png")
         assert names(tmp_path) == [folder.name, "kept.txt"]
-    assert moved == ["report.html", "map.png", "z.mtl", "result.json"]
+    assert moved == [".moves", "report.html", "map.png", "z.mtl", "result.json"]
     assert names(tmp_path) == ["kept.txt", "report.html", "result.json", "sub", "z.mtl"]
 
 

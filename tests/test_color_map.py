@@ -339,6 +339,7 @@ def test_colours_above_one_are_cut_and_told_and_intervals_are_those_of_the_numbe
         assert f"{low:.3g}…{high:.3g}" in result.message
 
 
+@pytest.mark.slow  # poses, a fit, and its texture
 def test_poses_of_a_textured_object_are_mended_by_its_outlines_alone(plastic_ball, tmp_path):
     options = FitOptions(PRESETS["preview"], type="glossy", maps=("color",), refine_pose=True)
     result = fit_scene(plastic_ball, tmp_path / "out", options)

@@ -94,6 +94,7 @@ def test_nor_by_the_viewers_taps_whose_halves_agree(tmp_path, contrast):
     assert found.determined.f0 == (True, True, True)
 
 
+@pytest.mark.slow  # one more such fit
 def test_what_another_kernel_adds_up_is_no_roughness(tmp_path, monkeypatch):
     monkeypatch.setattr(transport, "fused_available", lambda: False)
     assert_roughness_is_open(fitted(scene(tmp_path, "metal", 0.02), "metal"), 0.02)

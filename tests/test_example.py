@@ -56,6 +56,7 @@ def test_a_glossy_one_is_found_and_fitted(tmp_path, capsys):
     assert "Glossy is the type that explains the photographs best" in capsys.readouterr().out
 
 
+@pytest.mark.slow  # three fits
 def test_three_materials_are_written_into_one_file(tmp_path, capsys):
     materials = {each.name: each for each in main_of("three_materials")(tmp_path, **SMALL).materials}
     assert_covers(materials["glaze"], "color", (0.02, 0.10, 0.25))

@@ -70,8 +70,7 @@ UNGATED = {
     "renderer.unfinished": "/proc and /etc/machine-id",
     "renderer.viewer.programs": "shaders of this package",
     "fitter.code_digest": "modules of this package",
-    "renderer.replaceable": "a regular file in pieces, for its digest",
-    "fitter.result": "a regular file in pieces, for its digest",
+    "renderer.digests": "a regular file in pieces",
 }
 
 

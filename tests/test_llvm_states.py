@@ -17,7 +17,8 @@ from renderer import llvm
 
 pytestmark = [pytest.mark.dr_jit, pytest.mark.slow]  # slow for all but `make test-llvm`
 
-SMALL = ("--pixels", "200", "--samples", "64", "--type", "metal")
+METAL = ("--pixels", "400", "--samples", "256", "--type", "metal")
+MATTE = ("--pixels", "100", "--samples", "16", "--type", "matte")
 
 
 def run(*arguments: str | Path, cwd: Path, **environment: str) -> subprocess.CompletedProcess[str]:
@@ -29,7 +30,7 @@ def run(*arguments: str | Path, cwd: Path, **environment: str) -> subprocess.Com
 
 
 def test_commands_end_as_documented(gold_scene, tmp_path):
-    fitted = run("fit", gold_scene, "-o", "result", *SMALL, cwd=tmp_path)
+    fitted = run("fit", gold_scene, "-o", "result", *METAL, cwd=tmp_path)
     assert fitted.returncode == 0, fitted.stderr
     result = json.loads((tmp_path / "result" / "result.json").read_text("utf-8"))
     assert result["status"] == "converged"
@@ -47,13 +48,13 @@ def test_commands_end_as_documented(gold_scene, tmp_path):
 
 
 def test_a_batch_ends_as_documented(gold_scene, tmp_path):
-    done = run("batch", gold_scene, "-o", "batch", "--workers", "1", *SMALL, cwd=tmp_path)
+    done = run("batch", gold_scene, "-o", "batch", "--workers", "1", *MATTE, cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     assert len(list((tmp_path / "batch").glob("*/result.json"))) == 1
 
 
 def test_a_frontier_ends_as_documented(gold_scene, tmp_path):
-    few = ("--rungs", "viewer,preview-128-1500", "--repeats", "1", "--type", "metal")
+    few = ("--rungs", "viewer,preview-128-1500", "--repeats", "1", "--type", "matte")
     done = run("frontier", gold_scene, "-o", "frontier", *few, cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     assert "failed" not in done.stdout

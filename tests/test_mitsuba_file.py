@@ -54,7 +54,7 @@ REFUSED = [
         "sensor[0]: is with fov and focal_length, expected one of the two",
     ),
     (scene(film(0, 3)), "sensor[0].film: is empty, expected a film of one pixel at least"),
-    (scene(film(-1, 3)), "sensor[0].film.width: is -1, expected a whole number"),
+    (scene(film(-1, 3)), "sensor[0].film.width: is -1, expected a whole number below 2³¹"),
     (scene('<film type="specfilm"/>'), "sensor[0].film: is specfilm, expected one of hdrfilm"),
     (
         scene(placed("<spin/>")),
@@ -102,6 +102,12 @@ def test_what_sensors_do_not_have_is_refused(tmp_path, text, sentence):
     with pytest.raises(InputError) as refused:
         ours(tmp_path, text)
     assert str(refused.value).removeprefix(f"{tmp_path / 'scene.xml'}: ") == sentence
+
+
+def test_defaults_inside_defaults_are_refused(tmp_path):
+    """Each would be looked through for every one around it, in quadratic time."""
+    with pytest.raises(InputError, match=r"default: is with elements inside, expected a name and a value alone$"):
+        ours(tmp_path, scene(FOV, before='<default name="a" value="b">' * 2 + "</default>" * 2))
 
 
 def test_texts_that_grow_by_powers_are_refused(tmp_path):

@@ -51,7 +51,7 @@ def test_threads_of_every_variant_load_mitsuba_s_own_plugins(hostile, variant):
     assert not (hostile / MARK).exists()
 
 
-@pytest.mark.parametrize("surroundings", ["studio", "sunsky"])
+@pytest.mark.parametrize("surroundings", [pytest.param("studio", marks=pytest.mark.slow), "sunsky"])
 def test_synth_and_plan_load_mitsuba_s_own_plugins(hostile, surroundings):
     run(hostile, "-m", "fitter.cli", "synth", "--metal", "Au", *SMALL, "--env", surroundings, "-o", "made", "--quiet")
     assert (hostile / "made" / "scene.toml").is_file()

@@ -278,7 +278,7 @@ def limited(size: int, *arguments: object, cwd: Path | None = None) -> subproces
     return subprocess.run(command, capture_output=True, text=True, check=False, env=environment, cwd=cwd)
 
 
-HOW = ("--fidelity", "preview", "--type", "metal", "--no-check", "--quiet")
+HOW = ("--fidelity", "preview", "--type", "matte", "--pixels", "100", "--samples", "16", "--no-check", "--quiet")
 
 
 def test_folders_that_are_not_utf8_hold_results_that_are(gold_photographs, tmp_path):
@@ -310,11 +310,27 @@ def test_a_full_disk_is_told_before_the_fit(gold_photographs, tmp_path, monkeypa
     assert not (tmp_path / "out").exists()
 
 
-def test_the_users_own_plots_need_latex(gold_photographs, tmp_path):
+@pytest.mark.parametrize("kind", ["no text", "pipe"])
+def test_a_matplotlibrc_in_the_working_folder_is_not_read(gold_photographs, tmp_path, kind):
+    if kind == "pipe":
+        os.mkfifo(tmp_path / "matplotlibrc")
+    else:
+        (tmp_path / "matplotlibrc").write_bytes(b"text.usetex: \xff\xfe True\n")
+    code = (
+        "from fitter.plotting import without_the_users_settings as without; without()\n"
+        "import matplotlib; print(matplotlib.matplotlib_fname(), matplotlib.rcParams['text.usetex'])"
+    )
+    command = [sys.executable, "-c", code]
+    ended = subprocess.run(command, capture_output=True, text=True, check=False, cwd=tmp_path, timeout=60)
+    assert (ended.returncode, ended.stdout.splitlines()[-1].endswith("False"), ended.stderr) == (0, True, "")
+
+
+def test_the_users_own_plots_need_latex_and_their_jax_a_gpu(gold_photographs, tmp_path):
     """Which nobody here calls: the page has its curves all the same."""
     (tmp_path / "matplotlibrc").write_text("text.usetex: True\nfont.family: nonsense\n")
     environment = {**os.environ, "OMP_NUM_THREADS": "1", "MATPLOTLIBRC": str(tmp_path), "MPLBACKEND": "nonsense"}
+    environment |= {"JAX_PLATFORMS": "nonsense"}
     command = [sys.executable, "-m", "fitter.cli", "fit", gold_photographs / "scene.toml", "-o", tmp_path / "out", *HOW]
-    ended = subprocess.run(command, capture_output=True, text=True, check=False, env=environment)
+    ended = subprocess.run(command, capture_output=True, text=True, check=False, env=environment, cwd=tmp_path)
     assert (ended.returncode, ended.stderr) == (0, "")
     assert "reflectance F" in (tmp_path / "out" / "report.html").read_text("utf-8")

@@ -118,7 +118,7 @@ def test_iron_comes_back(iron, iron_result):
     assert all([*determined.f0, *determined.k, determined.alpha])
 
 
-@pytest.mark.parametrize("solver", ["adam", "lbfgs"])
+@pytest.mark.parametrize("solver", [pytest.param("adam", marks=pytest.mark.slow), "lbfgs"])
 def test_solvers_agree(iron, iron_result, solver, tmp_path):
     """They minimise one sum of squares; where they stop may differ by their tolerance, a share of the error."""
     (found,), (reference,) = fitted(iron, tmp_path, solver=solver).materials, iron_result.materials

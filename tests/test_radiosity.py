@@ -145,7 +145,7 @@ def test_albedo_of_gold_is_about_its_mean_reflectance():
     assert bool(((mean - albedo(metal, "ggx")).abs() < (1 - metal.f0) / 21 + 0.01).all())
 
 
-@pytest.fixture(scope="module", params=["matte", "glossy"])
+@pytest.fixture(scope="module", params=["matte", pytest.param("glossy", marks=pytest.mark.slow)])
 def bright_ring(request, tmp_path_factory) -> tuple[Path, str]:
     """Photographs of a bright torus under a pattern, by paths of eight segments."""
     folder = tmp_path_factory.mktemp(request.param)

@@ -24,9 +24,9 @@ from fitter.result import (
     Time,
     Tolerance,
     read_result,
-    sha256_of,
     write_result,
 )
+from renderer.digests import sha256_of
 from renderer.errors import InputError
 
 PARAMETERS = {"n", "k", "f0", "alpha", "roughness", "color", "reflectance"}
@@ -195,3 +195,9 @@ def test_sha256(tmp_path):
     assert sha256_of(tmp_path / "a") == hashlib.sha256(b"abc").hexdigest()
     with pytest.raises(InputError, match="No such file"):
         sha256_of(tmp_path / "b")
+
+
+def test_numbers_of_thousands_of_digits_are_refused(tmp_path):
+    (tmp_path / "a").write_text("1" * 5000)
+    with pytest.raises(InputError, match=r"a: expected strict JSON without numbers of thousands of digits$"):
+        read_result(tmp_path / "a")

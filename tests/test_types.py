@@ -18,6 +18,7 @@ from renderer.scene import LightSpec
 from renderer.synth import SynthOptions, synthesise
 from renderer.truth import TrueGlossy, TrueMaterial, TrueMatte, TrueMetal
 
+SLOW = pytest.mark.slow
 FIDELITY = replace(PRESETS["standard"], pixels=2000, footprint=2)
 GOLD = TrueMetal((0.146, 0.425, 1.431), (3.578, 2.326, 1.85), 0.2)
 PLASTIC = TrueGlossy((0.6, 0.2, 0.1), (0.04, 0.04, 0.04), 0.15)
@@ -45,7 +46,7 @@ def assert_recovered(found: FittedMaterial, truth: dict, f0=0.005, color=0.01, a
         assert abs(found.alpha - truth["alpha"]) < alpha * truth["alpha"] + 4 * found.stderr.alpha
 
 
-@pytest.mark.parametrize("material", [PLASTIC, CLAY], ids=["glossy", "matte"])
+@pytest.mark.parametrize("material", [PLASTIC, pytest.param(CLAY, marks=SLOW)], ids=["glossy", "matte"])
 def test_a_type_and_its_numbers_are_found(tmp_path, material: TrueMaterial):
     scene = photographs(tmp_path / "photographs", material)
     result = fit_scene(scene, tmp_path / "out", FitOptions(FIDELITY))
@@ -111,7 +112,11 @@ def test_the_scene_files_word_on_the_type_is_kept(tmp_path):
     assert found.type == "matte"
 
 
-@pytest.mark.parametrize("material", [GOLD, PLASTIC, CLAY], ids=["metal", "glossy", "matte"])
+@pytest.mark.parametrize(
+    "material",
+    [pytest.param(GOLD, marks=SLOW), pytest.param(PLASTIC, marks=SLOW), CLAY],
+    ids=["metal", "glossy", "matte"],
+)
 def test_a_directional_light_is_part_of_the_picture(tmp_path, material):
     """Without it the ball would seem twice as bright, or the wrong one of its numbers would move."""
     scene = photographs(tmp_path / "photographs", material, lights=(LAMP,))

@@ -10,7 +10,7 @@ bash tools/install_libraries.sh for-tests "$python"
 for state in none 15 19 broken; do
     echo "LLVM: $state"
     code=0
-    bash tools/with_llvm.sh "$state" "$python" -m pytest -q -n 2 -m dr_jit || code=$?
+    bash tools/with_llvm.sh "$state" "$python" -m pytest -q -n 2 --dist worksteal -m dr_jit || code=$?
     case $code in
     0) ;;
     77) missing="$missing $state" ;;

@@ -1,0 +1,20 @@
+"""`fit-material`, and `python -m fitter`: Ctrl-C is quiet from the start, while the commands are being imported."""
+
+from __future__ import annotations
+
+import os
+import signal
+from typing import NoReturn
+
+
+def program() -> NoReturn:
+    """See `fitter.cli.program`."""
+    if signal.getsignal(signal.SIGINT) is signal.default_int_handler:  # `nohup` and shells' background ignore it
+        signal.signal(signal.SIGINT, lambda *_: os._exit(128 + signal.SIGINT))
+    from fitter.cli import program
+
+    program()
+
+
+if __name__ == "__main__":
+    program()
