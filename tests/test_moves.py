@@ -40,9 +40,8 @@ with replaced_together(sys.argv[1]) as folder:
 """
 FIT = """
 from fitter.cli import program
-out = sys.argv[1]
 options = "--type metal --pixels 100 --samples 32 -q --seed 1".split()
-sys.argv = ["fit-material", "fit", sys.argv[3], "-o", out, *options]
+sys.argv = ["fit-material", "fit", sys.argv[3], "-o", str(out), *options]
 program()
 """
 

@@ -278,7 +278,7 @@ def limited(size: int, *arguments: object, cwd: Path | None = None) -> subproces
     return subprocess.run(command, capture_output=True, text=True, check=False, env=environment, cwd=cwd)
 
 
-HOW = ("--fidelity", "preview", "--type", "matte", "--pixels", "100", "--samples", "16", "--no-check", "--quiet")
+HOW = ("--fidelity", "preview", "--type", "metal", "--no-check", "--quiet")
 
 
 def test_folders_that_are_not_utf8_hold_results_that_are(gold_photographs, tmp_path):
