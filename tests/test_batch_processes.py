@@ -214,7 +214,7 @@ def maps(process: int) -> str:
         ("a process begins", 0.2, signal.SIGTERM),
         ("a process begins", 0.0, signal.SIGHUP),
         pytest.param("a process begins", 0.5, signal.SIGHUP, marks=pytest.mark.slow),
-        ("both fit", 0.0, signal.SIGHUP),
+        pytest.param("both fit", 0.0, signal.SIGHUP, marks=pytest.mark.slow),
         ("both fit", 0.0, signal.SIGINT),
     ],
 )

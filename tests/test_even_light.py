@@ -73,8 +73,8 @@ def rounded_otherwise(table: LightTable) -> LightTable:
     return replace(table, light=table.light * (1 + 1e-7 * noise))
 
 
-@pytest.mark.fits
-@pytest.mark.parametrize("kind", ["metal", pytest.param("glossy", marks=pytest.mark.slow)])
+@pytest.mark.slow  # test_cli has one such fit
+@pytest.mark.parametrize("kind", ["metal", "glossy"])
 def test_no_roughness_is_determined(tmp_path, kind):
     assert_roughness_is_open(fitted(scene(tmp_path, kind, 0.02), kind), 0.02)
 
@@ -85,7 +85,7 @@ def test_nor_in_light_that_hardly_varies(tmp_path):
     assert_roughness_is_open(fitted(scene(tmp_path, "metal", 0.02, contrast=1e-6), "metal"), 0.02)
 
 
-@pytest.mark.parametrize("contrast", [0.0, 1e-6])
+@pytest.mark.parametrize("contrast", [0.0, pytest.param(1e-6, marks=pytest.mark.slow)])
 def test_nor_by_the_viewers_taps_whose_halves_agree(tmp_path, contrast):
     """Without noise, nothing but the rounding of the table is left for a slope."""
     found = fitted(scene(tmp_path, "metal", 0.02, contrast), "metal", "viewer").material

@@ -11,8 +11,6 @@ from renderer.to_mitsuba import mitsuba
 from tests.hostile import MARK, hostile_plugins
 from tests.test_imports import FILES, imported, top
 
-pytestmark = pytest.mark.dr_jit
-
 SMALL = ["--size", "16", "--spp", "4", "--views", "2"]
 IN_THREADS = """
 import threading
@@ -41,6 +39,7 @@ def run(folder, *arguments: str) -> str:
     return done.stdout
 
 
+@pytest.mark.dr_jit
 @pytest.mark.parametrize("variant", ["scalar_rgb", "llvm_ad_rgb"])
 def test_threads_of_every_variant_load_mitsuba_s_own_plugins(hostile, variant):
     try:

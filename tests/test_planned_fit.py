@@ -132,7 +132,7 @@ def test_result_and_report_show_the_plan(gold_scene, tmp_path, monkeypatch):
 GROWING = ("self-visibility", "ambient-occlusion", "light-reflection")
 
 
-@pytest.mark.parametrize(("growth", "fits"), [pytest.param(1, 2, marks=pytest.mark.slow), (3, 3)])
+@pytest.mark.parametrize(("growth", "fits"), [(1, 2), pytest.param(3, 3, marks=pytest.mark.slow)])
 def test_a_plan_that_grows_is_fitted_again_three_times_at_most(gold_scene, tmp_path, monkeypatch, growth, fits):
     """Each later plan has one more effect on, until it has so many; what no fit simulated is not said to be on."""
     monkeypatch.setattr("fitter.pipeline.strips", lambda *arguments: [])

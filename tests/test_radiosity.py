@@ -52,7 +52,9 @@ def even(value: float):
     return lambda met: np.full((len(met.material), 3), value)
 
 
-@pytest.mark.parametrize("sent", [0.0, 0.5, 0.9, 1.0])
+@pytest.mark.parametrize(
+    "sent", [0.0, pytest.param(0.5, marks=pytest.mark.slow), 0.9, pytest.param(1.0, marks=pytest.mark.slow)]
+)
 def test_an_evenly_lit_bowl_has_the_light_of_a_part_of_an_integrating_sphere(sent):
     # Every point of a sphere sees every other one under the same factor, so that light in a cap of the share c of it
     # is even: E = (1 - c) + ρ c E. The polyhedron is smaller by (2π/32)²/24 = 0.2 %, and 768 blocks of the sky show its
@@ -145,7 +147,7 @@ def test_albedo_of_gold_is_about_its_mean_reflectance():
     assert bool(((mean - albedo(metal, "ggx")).abs() < (1 - metal.f0) / 21 + 0.01).all())
 
 
-@pytest.fixture(scope="module", params=["matte", pytest.param("glossy", marks=pytest.mark.slow)])
+@pytest.fixture(scope="module", params=["matte", "glossy"])
 def bright_ring(request, tmp_path_factory) -> tuple[Path, str]:
     """Photographs of a bright torus under a pattern, by paths of eight segments."""
     folder = tmp_path_factory.mktemp(request.param)
@@ -169,6 +171,7 @@ def inner_errors(scene: Path, out: Path, options: FitOptions) -> np.ndarray:
     return (color - seen_at(bright(), len(color)))[(iio.imread(out / maps.color_seen) >= 1) & inner]
 
 
+@pytest.mark.slow  # photographs by long paths, two fits and their textures
 def test_light_that_an_object_sends_itself_is_not_taken_for_its_colour(bright_ring, tmp_path):
     scene, kind = bright_ring
     options = FitOptions(PRESETS["preview"], type=kind, maps=("color",))

@@ -185,7 +185,8 @@ def test_the_nearest_metal_is_the_one_that_was_photographed(light):
     assert [each.distance for each in nearest] == sorted(each.distance for each in nearest)
 
 
-@pytest.mark.parametrize("wrong", [pytest.param(0.1, marks=pytest.mark.slow), 0.8])
+@pytest.mark.slow  # three fits
+@pytest.mark.parametrize("wrong", [0.1, 0.8])
 def test_a_roughness_that_leaves_the_last_table_is_sought_among_all(light, wrong):
     """From there, tables that reach a tenth further each time end before the true 0.3."""
     elsewhere, there = (problem_of(gold(alpha), surface_of(24, 2), light, preset("preview")) for alpha in (wrong, 0.3))

@@ -46,7 +46,8 @@ def assert_recovered(found: FittedMaterial, truth: dict, f0=0.005, color=0.01, a
         assert abs(found.alpha - truth["alpha"]) < alpha * truth["alpha"] + 4 * found.stderr.alpha
 
 
-@pytest.mark.parametrize("material", [PLASTIC, pytest.param(CLAY, marks=SLOW)], ids=["glossy", "matte"])
+@SLOW  # test_example has a glossy one, test_batch matte ones
+@pytest.mark.parametrize("material", [PLASTIC, CLAY], ids=["glossy", "matte"])
 def test_a_type_and_its_numbers_are_found(tmp_path, material: TrueMaterial):
     scene = photographs(tmp_path / "photographs", material)
     result = fit_scene(scene, tmp_path / "out", FitOptions(FIDELITY))
