@@ -18,7 +18,6 @@ from renderer import llvm
 pytestmark = [pytest.mark.dr_jit, pytest.mark.slow]  # slow for all but `make test-llvm`
 
 METAL = ("--pixels", "400", "--samples", "256", "--type", "metal")
-MATTE = ("--pixels", "100", "--samples", "16", "--type", "matte")
 
 
 def run(*arguments: str | Path, cwd: Path, **environment: str) -> subprocess.CompletedProcess[str]:
@@ -48,7 +47,7 @@ def test_commands_end_as_documented(gold_scene, tmp_path):
 
 
 def test_a_batch_ends_as_documented(gold_scene, tmp_path):
-    done = run("batch", gold_scene, "-o", "batch", "--workers", "1", *MATTE, cwd=tmp_path)
+    done = run("batch", gold_scene, "-o", "batch", "--workers", "1", *METAL, cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     assert len(list((tmp_path / "batch").glob("*/result.json"))) == 1
 
