@@ -129,6 +129,7 @@ def test_the_sentence_has_a_camera_to_paste(scene, call):
     assert len(read_scene(scene).photographs) == 3
 
 
+@pytest.mark.slow  # a fit
 def test_without_a_result_the_scene_is_fitted_and_nothing_is_written(scene, call):
     before = {path: path.stat().st_mtime_ns for path in scene.parent.rglob("*")}
     code, out, err = call(scene, "--fidelity", "preview", "--type", "metal", "--json")

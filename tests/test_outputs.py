@@ -281,6 +281,7 @@ def limited(size: int, *arguments: object, cwd: Path | None = None) -> subproces
 HOW = ("--fidelity", "preview", "--type", "metal", "--no-check", "--quiet")
 
 
+@pytest.mark.slow  # a fit
 def test_folders_that_are_not_utf8_hold_results_that_are(gold_photographs, tmp_path):
     """The scene's, which is the current one, and the result's."""
     folder = Path(shutil.copytree(gold_photographs, tmp_path / os.fsdecode(b"jos\xe9")))

@@ -94,7 +94,7 @@ def test_gold_comes_back(gold, tmp_path):
 
 @pytest.mark.parametrize(
     ("name", "alpha", "distribution", "seed"),
-    [("Cu", 0.1, "beckmann", 2), ("Al", 0.4, "ggx", 3)],
+    [("Cu", 0.1, "beckmann", 2), pytest.param("Al", 0.4, "ggx", 3, marks=pytest.mark.slow)],
 )
 def test_other_metals_come_back(tmp_path, name, alpha, distribution, seed):
     scene = photograph(tmp_path, name, alpha, distribution, seed=seed)
@@ -160,6 +160,7 @@ def test_progress_is_told_in_order(iron, tmp_path):
     assert all(0 <= share <= 1 for _, share in told)
 
 
+@pytest.mark.slow  # two more fits
 def test_a_photograph_that_repeats_another_changes_no_number(iron, tmp_path):
     """Its noise is the same noise; counted again it would make the errors smaller."""
     (tmp_path / "again").mkdir()

@@ -110,6 +110,7 @@ def test_numbers_that_noise_keeps_from_the_tolerance_drive_no_effort(outlook, to
     )
 
 
+@pytest.mark.slow  # two climbs
 def test_a_climb_spends_more_where_more_is_asked_and_keeps_its_word(light):
     """Each determined number off by less than twice what was promised of it, which is 4.8 standard errors."""
     truth = gold(0.2)
