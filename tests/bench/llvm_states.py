@@ -35,6 +35,7 @@ PHOTOGRAPHS = {  # options of synth, of three types
     "matte": ("--color", "0.5", "0.3", "0.2"),
 }
 NUMBERS = ("n", "k", "f0", "alpha", "color", "reflectance")
+ROUNDING = 1e-6  # of a value: light without samples, as a matte's, is summed up in float32 and has no other error
 WITHIN = 2.0  # standard deviations by integration of a difference, which 95 % may not pass
 
 
@@ -117,7 +118,8 @@ def _differences(found: Mapping[str, Mapping[str, Number]]) -> Iterator[str]:
     for first, second in combinations(found, 2):
         for name, (value, error) in found[first].items():
             other, its_error = found[second].get(name, (math.inf, 0.0))
-            ratios[first, second, name] = abs(value - other) / math.hypot(error, its_error)
+            expected = math.hypot(error, its_error, ROUNDING * value)
+            ratios[first, second, name] = abs(value - other) / expected if value != other else 0.0
     held = sum(ratio <= WITHIN for ratio in ratios.values())
     yield f"{held} of {len(ratios)} differences ({held / len(ratios):.1%}) are within {WITHIN:g} standard deviations"
     yield "of the integration."
