@@ -11,9 +11,9 @@ def program() -> NoReturn:
     """See `fitter.cli.program`."""
     if signal.getsignal(signal.SIGINT) is signal.default_int_handler:  # `nohup` and shells' background ignore it
         signal.signal(signal.SIGINT, lambda *_: os._exit(128 + signal.SIGINT))
-    from fitter.cli import program
+    from fitter import cli
 
-    program()
+    cli.program()
 
 
 if __name__ == "__main__":

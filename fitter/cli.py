@@ -86,7 +86,7 @@ def main() -> NoReturn:
         if isinstance(stream, io.TextIOWrapper):  # a locale may have no ± or σ
             stream.reconfigure(errors="backslashreplace")
     without_the_users_settings()
-    os.environ["JAX_PLATFORMS"] = "cpu"  # ours adds up what torch computed; a user's may name what is not installed
+    os.environ["JAX_PLATFORMS"] = "cpu"  # it only drives the solver; a user's may name what is not installed
     pressed = _watch_for_interrupts()
     try:
         code = _run(sys.argv[1:] or ["--help"])

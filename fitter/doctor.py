@@ -20,7 +20,7 @@ from renderer.memory import GIGABYTE, available_memory
 from renderer.processors import usable_cores
 
 PYTHON = (3, 11)
-MEMORY, DISK = 2 * GIGABYTE, GIGABYTE  # a fit of the standard fidelity takes 1.3 to 1.7 GB; a result some megabytes
+MEMORY, DISK = 2 * 2**30, 2**30  # bytes: a fit of the standard fidelity takes 1.3 to 1.7 GB; a result some megabytes
 PATIENCE = 120  # seconds until a library has to be imported
 REINSTALL = "make install"
 OPENGL = """

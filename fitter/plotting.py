@@ -16,7 +16,7 @@ def without_the_users_settings() -> None:
     """For a program of its own, before it imports matplotlib, which stops at some files and variables of its users."""
     os.environ["MATPLOTLIBRC"] = os.devnull
     os.environ["MPLBACKEND"] = "agg"
-    at_first_import("matplotlib", _without_the_working_folder, prepare=lambda: None)
+    at_first_import("matplotlib", _without_the_working_folder)
 
 
 def _without_the_working_folder(execute: Execute, module: ModuleType) -> None:

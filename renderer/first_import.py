@@ -5,7 +5,6 @@ from __future__ import annotations
 import importlib.util
 import sys
 from collections.abc import Callable, Sequence
-from functools import partial
 from importlib.abc import MetaPathFinder
 from importlib.machinery import ModuleSpec
 from types import ModuleType
@@ -14,7 +13,7 @@ Execute = Callable[[ModuleType], None]
 Around = Callable[[Execute, ModuleType], None]
 
 
-def at_first_import(name: str, execute: Around, prepare: Callable[[], None]) -> None:
+def at_first_import(name: str, execute: Around, prepare: Callable[[], None] | None = None) -> None:
     """Nothing where the library is there already; may be called again.
 
     Args:
@@ -30,7 +29,7 @@ def at_first_import(name: str, execute: Around, prepare: Callable[[], None]) -> 
 class _Finder(MetaPathFinder):
     """Finds the library as Python would, once."""
 
-    def __init__(self, name: str, execute: Around, prepare: Callable[[], None]) -> None:
+    def __init__(self, name: str, execute: Around, prepare: Callable[[], None] | None) -> None:
         self.name, self._execute, self._prepare = name, execute, prepare
 
     def find_spec(
@@ -38,9 +37,11 @@ class _Finder(MetaPathFinder):
     ) -> ModuleSpec | None:
         if name != self.name:
             return None
-        self._prepare()
+        if self._prepare is not None:
+            self._prepare()
         sys.meta_path.remove(self)
         spec = importlib.util.find_spec(name)
         if spec is not None and spec.loader is not None:
-            spec.loader.exec_module = partial(self._execute, spec.loader.exec_module)  # pyright: ignore[reportAttributeAccessIssue]
+            usual = spec.loader.exec_module
+            spec.loader.exec_module = lambda module: self._execute(usual, module)
         return spec

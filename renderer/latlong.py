@@ -48,7 +48,7 @@ def lookup(
         values in the dtype of the texels.
     """
     rows, columns = latlong.texels.shape[2:]
-    x, z = _beside_the_poles(x, z)
+    x, z = _zero_at_the_poles(x, z)
     u = torch.atan2(x, -z) / (2 * math.pi) + latlong.rotation / 360
     v = polar_angle(x, y, z) / math.pi
     column = (u - u.floor()) * (columns - 2) + 1
@@ -58,12 +58,12 @@ def lookup(
     return found[0, :, :, 0].T.reshape(*x.shape, -1)
 
 
-def _beside_the_poles(
+def _zero_at_the_poles(
     x: Float[Tensor, "*p"], z: Float[Tensor, "*p"]
 ) -> tuple[Float[Tensor, "*p"], Float[Tensor, "*p"]]:
     """x and z, both 0 where x² + z² is no normal number: the azimuth's slope, z/(x² + z²), would be infinite there."""
-    beside = x**2 + z**2 >= torch.finfo(x.dtype).tiny
-    return torch.where(beside, x, 0.0), torch.where(beside, z, 0.0)
+    away = x**2 + z**2 >= torch.finfo(x.dtype).tiny
+    return torch.where(away, x, 0.0), torch.where(away, z, 0.0)
 
 
 def polar_angle(x: Float[Tensor, "*p"], y: Float[Tensor, "*p"], z: Float[Tensor, "*p"]) -> Float[Tensor, "*p"]:

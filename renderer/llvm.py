@@ -94,6 +94,7 @@ def prepare() -> Choice:
 
 
 def _misspelt() -> Iterator[str]:
+    """A sentence where the switch has a value that is none of its own."""
     if switch := os.environ.get(SWITCH):
         yield str(InputError(SWITCH, value=switch, expected=f"{NONE}, or no such variable; it is ignored"))
 
@@ -188,15 +189,15 @@ def _prove(library: str) -> tuple[Verdict, bool]:
     if done.returncode == 0:
         return Verdict(library, True, version=done.stdout.strip()), True
     lasting = done.returncode == REFUSED or -done.returncode in CRASHES
-    reason = _reason(done).replace(f'Unable to load "{library}": {library}: ', "")
-    return Verdict(library, False, reason=reason), lasting
+    return Verdict(library, False, reason=_reason(done, library)), lasting
 
 
-def _reason(done: subprocess.CompletedProcess[str]) -> str:
+def _reason(done: subprocess.CompletedProcess[str], library: str) -> str:
     """Why a proof failed, in a phrase: C++ begins with the reason, a traceback ends with it."""
     lines = [line.strip() for line in done.stderr.splitlines() if line.strip()] or [f"exit code {done.returncode}"]
     noise = r"^jitc?_\w+\(\): |^LLVM ERROR: |0x[0-9a-f]+[:,]? ?|, shutting down .*|\. .*| ?[.!]+$"
     line = re.sub(noise, "", lines[-1 if done.returncode == TRACEBACK else 0]).strip()
+    line = line.removeprefix(f'Unable to load "{library}": {library}: ')
     if -done.returncode in CRASHES:
         return f"ends the process by {signal.Signals(-done.returncode).name}: {line}"
     return line

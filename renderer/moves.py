@@ -4,24 +4,22 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Iterable
+from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
 
 from renderer.digests import sha256_or_none
-from renderer.errors import InputError
-from renderer.files import read_text
+from renderer.replaceable import json_with
 
 JOURNAL = ".moves"  # in the unfinished folder, from the moment on when all that is to be moved is there
 
 
-def move(source: Path, directory: Path, names: Iterable[Path]) -> None:
+def move(source: Path, directory: Path, names: Sequence[Path]) -> None:
     """Move files to the same names in `directory`, in that order.
 
     Raises:
         OSError: one of them cannot be moved.
     """
-    names = list(names)
     _write_journal(source, {name.as_posix(): _state(directory / name) for name in names})
     for name in names:
         (directory / name).parent.mkdir(parents=True, exist_ok=True)
@@ -30,7 +28,7 @@ def move(source: Path, directory: Path, names: Iterable[Path]) -> None:
 
 def finish(source: Path, directory: Path) -> None:
     """End a move that the death of its process interrupted; files that changed since, or came, stay as they are."""
-    for name, state in _read_journal(source).items():
+    for name, state in (json_with(source / JOURNAL) or {}).items():
         with suppress(OSError):
             if _is_plain(name) and (source / name).is_file() and _state(directory / name) == state:
                 os.replace(source / name, directory / name)
@@ -51,12 +49,3 @@ def _write_journal(source: Path, states: dict[str, str | None]) -> None:
     unready = source / f"{JOURNAL}.new"
     unready.write_text(json.dumps(states), "utf-8")
     os.replace(unready, source / JOURNAL)
-
-
-def _read_journal(source: Path) -> dict[str, str | None]:
-    """Empty where none was written, or it is damaged."""
-    try:
-        found = json.loads(read_text(source / JOURNAL, "utf-8"))
-    except (OSError, ValueError, RecursionError, InputError):
-        return {}
-    return found if isinstance(found, dict) else {}

@@ -92,7 +92,7 @@ def test_outliers_weigh_as_hubers_loss_has_it(residuals):
     torch.testing.assert_close(slope, expected, rtol=1e-6, atol=1e-6 * float(expected.abs().max()))
 
 
-@pytest.mark.slow  # nine starts, each solved twice
+@pytest.mark.slow  # 24 starts, of two models
 def test_every_start_leads_to_the_same_metal(residuals):
     """24 starts, spread over the domain, end within a hundredth of an error of each other."""
     truth = residuals.coordinates.free(gold(0.25))

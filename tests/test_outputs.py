@@ -235,12 +235,12 @@ def test_a_mesh_whose_name_is_too_long_for_its_results_is_told_before_the_fit(cl
 
 def named_by_half_a_character(folder: Path) -> Path:
     """A GLB whose material JSON calls "\\ud800", which no UTF-8 holds."""
-    material = trimesh.visual.material.PBRMaterial(name="XXXX", baseColorFactor=[255, 255, 255, 255])
+    material = trimesh.visual.material.PBRMaterial(name="half", baseColorFactor=[255, 255, 255, 255])
     ball = trimesh.creation.icosphere(subdivisions=3)
     ball.visual = trimesh.visual.TextureVisuals(uv=np.zeros((len(ball.vertices), 2)), material=material)
     data = bytes(ball.export(file_type="glb"))
     length = int.from_bytes(data[12:16], "little")
-    text = data[20 : 20 + length].rstrip().replace(b'"XXXX"', b'"\\ud800"')
+    text = data[20 : 20 + length].rstrip().replace(b'"half"', b'"\\ud800"')
     text += b" " * (-len(text) % 4)
     rest = data[20 + length :]
     head = struct.pack("<4sIIII", b"glTF", 2, 20 + len(text) + len(rest), len(text), 0x4E4F534A)
@@ -319,11 +319,11 @@ def test_a_matplotlibrc_in_the_working_folder_is_not_read(gold_photographs, tmp_
         (tmp_path / "matplotlibrc").write_bytes(b"text.usetex: \xff\xfe True\n")
     code = (
         "from fitter.plotting import without_the_users_settings as without; without()\n"
-        "import matplotlib; print(matplotlib.matplotlib_fname(), matplotlib.rcParams['text.usetex'])"
+        "import matplotlib; print(matplotlib.rcParams['text.usetex'])"
     )
     command = [sys.executable, "-c", code]
     ended = subprocess.run(command, capture_output=True, text=True, check=False, cwd=tmp_path, timeout=60)
-    assert (ended.returncode, ended.stdout.splitlines()[-1].endswith("False"), ended.stderr) == (0, True, "")
+    assert (ended.returncode, ended.stdout, ended.stderr) == (0, "False\n", "")
 
 
 def test_the_users_own_plots_need_latex_and_their_jax_a_gpu(gold_photographs, tmp_path):

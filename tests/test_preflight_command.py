@@ -72,7 +72,7 @@ def test_nothing_is_told_of_a_good_scene(gold_scene, monkeypatch, capsys):
     assert json.loads(capsys.readouterr().out) == {"findings": []}
 
 
-@pytest.mark.slow
+@pytest.mark.slow  # a check and a fit
 def test_photographs_that_are_darker_than_any_material_are_told(gold_scene, monkeypatch, capsys):
     """By a factor of a million, as where exposures are given in units of their own."""
     text = gold_scene.read_text(encoding="utf-8").replace("exposure = 1.0", "exposure = 1e6")

@@ -69,7 +69,7 @@ def test_cameras_come_back_to_where_they_stood(gold_scene, tmp_path, monkeypatch
         assert spec.camera.fov == pytest.approx(read_scene(wrong).photographs[0].camera.fov)
 
 
-@pytest.mark.slow
+@pytest.mark.slow  # a fit
 def test_without_being_asked_nothing_is_told_of_cameras(gold_scene, tmp_path):
     fit_scene(gold_scene, tmp_path / "out", FitOptions(FIDELITY, type="metal"))
     assert "cameras" not in json.loads((tmp_path / "out" / "result.json").read_text(encoding="utf-8"))

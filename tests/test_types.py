@@ -18,7 +18,6 @@ from renderer.scene import LightSpec
 from renderer.synth import SynthOptions, synthesise
 from renderer.truth import TrueGlossy, TrueMaterial, TrueMatte, TrueMetal
 
-SLOW = pytest.mark.slow
 FIDELITY = replace(PRESETS["standard"], pixels=2000, footprint=2)
 GOLD = TrueMetal((0.146, 0.425, 1.431), (3.578, 2.326, 1.85), 0.2)
 PLASTIC = TrueGlossy((0.6, 0.2, 0.1), (0.04, 0.04, 0.04), 0.15)
@@ -46,7 +45,7 @@ def assert_recovered(found: FittedMaterial, truth: dict, f0=0.005, color=0.01, a
         assert abs(found.alpha - truth["alpha"]) < alpha * truth["alpha"] + 4 * found.stderr.alpha
 
 
-@SLOW  # test_example has a glossy one, test_batch matte ones
+@pytest.mark.slow  # test_example has a glossy one, test_batch matte ones
 @pytest.mark.parametrize("material", [PLASTIC, CLAY], ids=["glossy", "matte"])
 def test_a_type_and_its_numbers_are_found(tmp_path, material: TrueMaterial):
     scene = photographs(tmp_path / "photographs", material)
@@ -115,7 +114,7 @@ def test_the_scene_files_word_on_the_type_is_kept(tmp_path):
 
 @pytest.mark.parametrize(
     "material",
-    [pytest.param(GOLD, marks=SLOW), pytest.param(PLASTIC, marks=SLOW), CLAY],
+    [pytest.param(GOLD, marks=pytest.mark.slow), pytest.param(PLASTIC, marks=pytest.mark.slow), CLAY],
     ids=["metal", "glossy", "matte"],
 )
 def test_a_directional_light_is_part_of_the_picture(tmp_path, material):

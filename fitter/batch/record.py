@@ -6,7 +6,7 @@ import hashlib
 import json
 import os
 from collections.abc import Iterable, Sequence
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Literal
 
@@ -14,14 +14,13 @@ from fitter.code_digest import code_digest
 from fitter.fit_options import FitOptions
 from fitter.frontier_runs import versions
 from fitter.result import InputFile, Record, Result, read_result
-from fitter.written import KNOWN, written_by_fit
+from fitter.written import replaceable_by_fit
 from renderer.atomic import write_text_atomically
 from renderer.checked import check
 from renderer.digests import sha256_of
 from renderer.errors import InputError
 from renderer.files import read_text
 from renderer.replaceable import Replaceable
-from renderer.unfinished import sweep
 
 FORMAT = 1
 RECORD = "batch.json"  # in the result's folder, moved there last: whoever finds it finds all that it lists
@@ -71,9 +70,8 @@ def read_record(folder: Path) -> Fitted | None:
 
 def replaceable_by_batch(folder: Path, inputs: Iterable[Path] = ()) -> Replaceable:
     """What a batch may replace in the folder of a result: what fits have written there, and its own note on them."""
-    sweep(folder)
-    own = written_by_fit(folder)
-    return Replaceable(tuple(inputs), {**own, RECORD: None} if own else {}, KNOWN)
+    fits = replaceable_by_fit(folder, inputs)
+    return replace(fits, own={**fits.own, RECORD: None}) if fits.own else fits
 
 
 def earlier(folder: Path, scene: Path, key: str) -> tuple[Fitted, Result] | None:

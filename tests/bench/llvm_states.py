@@ -118,8 +118,8 @@ def _differences(found: Mapping[str, Mapping[str, Number]]) -> Iterator[str]:
     for first, second in combinations(found, 2):
         for name, (value, error) in found[first].items():
             other, its_error = found[second].get(name, (math.inf, 0.0))
-            expected = math.hypot(error, its_error, ROUNDING * value)
-            ratios[first, second, name] = abs(value - other) / expected if value != other else 0.0
+            expected = math.hypot(error, its_error, ROUNDING * max(abs(value), abs(other)))
+            ratios[first, second, name] = abs(value - other) / expected if expected else 0.0
     held = sum(ratio <= WITHIN for ratio in ratios.values())
     yield f"{held} of {len(ratios)} differences ({held / len(ratios):.1%}) are within {WITHIN:g} standard deviations"
     yield "of the integration."
