@@ -3,11 +3,11 @@
 import sys
 from pathlib import Path
 
-from fitter.fidelity import PRESETS, Fidelity
-from fitter.pipeline import FitOptions, fit_scene
-from fitter.result import Result
-from renderer.synth import SynthOptions, synthesise
-from renderer.truth import TrueGlossy
+from fit_material.fitter.options.fidelity import PRESETS, Fidelity
+from fit_material.fitter.pipeline.fit_scene import FitOptions, fit_scene
+from fit_material.fitter.result.schema import Result
+from fit_material.renderer.materials.ground_truth import TrueGlossy
+from fit_material.renderer.synthesis.synthesise import SynthOptions, synthesise
 
 PLASTIC = TrueGlossy(color=(0.60, 0.12, 0.08), reflectance=(0.04, 0.04, 0.04), alpha=0.1)
 

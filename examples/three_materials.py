@@ -6,11 +6,11 @@ from pathlib import Path
 import numpy as np
 import trimesh
 
-from fitter.fidelity import PRESETS, Fidelity
-from fitter.pipeline import FitOptions, fit_scene
-from fitter.result import Result
-from renderer.synth import SynthOptions, synthesise
-from renderer.truth import TrueGlossy, TrueMatte, TrueMetal
+from fit_material.fitter.options.fidelity import PRESETS, Fidelity
+from fit_material.fitter.pipeline.fit_scene import FitOptions, fit_scene
+from fit_material.fitter.result.schema import Result
+from fit_material.renderer.materials.ground_truth import TrueGlossy, TrueMatte, TrueMetal
+from fit_material.renderer.synthesis.synthesise import SynthOptions, synthesise
 
 TRUTH = {
     "gold": TrueMetal(n=(0.146, 0.425, 1.431), k=(3.578, 2.326, 1.850), alpha=0.05),

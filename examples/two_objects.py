@@ -8,14 +8,14 @@ import trimesh
 from trimesh.visual import TextureVisuals
 from trimesh.visual.material import SimpleMaterial
 
-from renderer.atomic import write_bytes_atomically, write_text_atomically
-from renderer.camera import Camera, look_at
-from renderer.images import png
-from renderer.model import read_model
-from renderer.studio import studio
-from renderer.surroundings import surroundings
-from renderer.viewer.offscreen import render
-from shaders.tone_mapping import tone_mapped
+from fit_material.renderer.cameras.camera import Camera, look_at
+from fit_material.renderer.files.atomic import write_bytes_atomically, write_text_atomically
+from fit_material.renderer.images.image_file import png
+from fit_material.renderer.opengl.offscreen import render
+from fit_material.renderer.synthesis.studio import studio
+from fit_material.renderer.viewer_model.model import read_model
+from fit_material.renderer.viewer_model.viewer_light import surroundings
+from fit_material.shaders.tone_mapping import tone_mapped
 
 WHITE, RED = (255, 255, 255, 255), (255, 0, 0, 255)  # trimesh takes materials of one colour for the same
 MTL = """\

@@ -8,12 +8,12 @@ from typing import NoReturn
 
 
 def program() -> NoReturn:
-    """See `fitter.cli.program`."""
+    """See `fitter.commands.app.program`."""
     if signal.getsignal(signal.SIGINT) is signal.default_int_handler:  # `nohup` and shells' background ignore it
         signal.signal(signal.SIGINT, lambda *_: os._exit(128 + signal.SIGINT))
-    from fitter import cli
+    from fit_material.fitter.commands import app
 
-    cli.program()
+    app.program()
 
 
 if __name__ == "__main__":

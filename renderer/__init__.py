@@ -1,5 +1,5 @@
 """Everything a picture needs that is not the material: cameras, meshes, light, per-pixel geometry."""
 
-from renderer.dr_jit import prepare_imports
+from fit_material.renderer.backends.dr_jit import prepare_imports
 
 prepare_imports()

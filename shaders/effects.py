@@ -1,6 +1,6 @@
 """The effects that a picture may need, one list: what each adds, when it is called for, its cost, where its code is.
 
-A further effect is an entry here, a rule in `renderer.plan_rules`, and its two implementations. Those that the viewer
+A further effect is an entry here, a rule in `effects.plan_rules`, and its two implementations. Those that the viewer
 does not draw have none in GLSL; those that are always in its shader have no definition that brings them in.
 """
 
@@ -40,7 +40,7 @@ EFFECTS: tuple[Effect, ...] = (
         "the surroundings, mirrored",
         "a material is metal or glossy",
         0.4,
-        "shaders.shade.reflection",
+        "fit_material.shaders.shade.reflection",
         "shade.glsl: reflection",
     ),
     Effect(
@@ -48,7 +48,7 @@ EFFECTS: tuple[Effect, ...] = (
         "the mirrored surroundings out of focus, by the roughness",
         "a lobe of the roughness differs from a mirror",
         1.0,
-        "shaders.lobe.blur",
+        "fit_material.shaders.optics.blur.blur",
         "lobe.glsl: blur",
         "BLUR",
     ),
@@ -57,14 +57,14 @@ EFFECTS: tuple[Effect, ...] = (
         "the surface's own horizon, below which its lobe gathers no light",
         "the lobe is one of microfacets",
         0.0,
-        "shaders.lobe.reflected",
+        "fit_material.shaders.optics.microfacets.reflected",
     ),
     Effect(
         "light-reflection",
         "highlights of directional lights",
         "there are such lights, and something that mirrors them",
         0.03,
-        "shaders.lobe.light_reflection",
+        "fit_material.shaders.optics.blur.light_reflection",
         "lobe.glsl: light_reflection",
         "LIGHTS",
     ),
@@ -73,7 +73,7 @@ EFFECTS: tuple[Effect, ...] = (
         "light that a diffuse body scatters",
         "a material is glossy or matte",
         3.0,
-        "shaders.shade.scattered",
+        "fit_material.shaders.shade.scattered",
         "shade.glsl: scattered",
     ),
     Effect(
@@ -81,7 +81,7 @@ EFFECTS: tuple[Effect, ...] = (
         "a glossy body darkened so that it sends out no more than it receives",
         "colour and reflection of the thesis's glossy material exceed 1 together",
         0.0,
-        "shaders.diffuse.energy_guard",
+        "fit_material.shaders.optics.diffuse.energy_guard",
         "diffuse.glsl: energy_guard",
     ),
     Effect(
@@ -89,7 +89,7 @@ EFFECTS: tuple[Effect, ...] = (
         "relief finer than the mesh",
         "a normal map is given",
         0.0,
-        "shaders.normal_map.perturbed",
+        "fit_material.shaders.normal_map.perturbed",
         "normal_map.glsl: perturbed",
         "NORMAL_MAP",
     ),
@@ -98,7 +98,7 @@ EFFECTS: tuple[Effect, ...] = (
         "colours that vary over the surface",
         "a colour map is given",
         0.0,
-        "renderer.textures.lookup",
+        "fit_material.renderer.images.textures.lookup",
         "surface.frag: tint",
         "COLOR_MAP",
     ),
@@ -107,7 +107,7 @@ EFFECTS: tuple[Effect, ...] = (
         "surroundings that the object hides from its own diffuse body",
         "a map of it is given, or the object is not convex and has a diffuse body",
         7.0,
-        "renderer.irradiance.diffuse_table",
+        "fit_material.renderer.light_tables.irradiance_table.diffuse_table",
         "surface.frag: openness",
         "AMBIENT_OCCLUSION",
     ),
@@ -116,7 +116,7 @@ EFFECTS: tuple[Effect, ...] = (
         "metal in creases darker and more saturated, in the thesis's way",
         "an ambient-occlusion map is given, in the thesis's model",
         0.0,
-        "shaders.shade.double_bounce",
+        "fit_material.shaders.shade.double_bounce",
         "shade.glsl: double_bounce",
         "AMBIENT_OCCLUSION",
     ),
@@ -125,7 +125,7 @@ EFFECTS: tuple[Effect, ...] = (
         "other objects in the mirrored surroundings, seen from the object's centre",
         "several objects, in the thesis's model",
         0.5,
-        "renderer.neighbours.capture",
+        "fit_material.renderer.viewer_model.captured_neighbours.capture",
         "shade.glsl: blurred_environment",
         "NEIGHBOURS",
     ),
@@ -134,7 +134,7 @@ EFFECTS: tuple[Effect, ...] = (
         "near things less blurred than far ones",
         "neighbours are captured, and the material is rough",
         0.0,
-        "renderer.neighbours.depth",
+        "fit_material.renderer.viewer_model.captured_neighbours.depth",
         "shade.glsl: blurred_environment",
         "NEIGHBOURS",
     ),
@@ -143,28 +143,28 @@ EFFECTS: tuple[Effect, ...] = (
         "surroundings and lights that the object, or its neighbour, hides from its own mirroring surface",
         "the object is not convex",
         0.6,
-        "renderer.occlusion.occluder",
+        "fit_material.renderer.rays.occlusion.occluder",
     ),
     Effect(
         "interreflection",
         "light that comes from the object itself, or from its neighbour",
         "the object is not convex",
         300.0,
-        "renderer.differentiable.DifferentiableScene",
+        "fit_material.renderer.path_tracing.differentiable_scene.DifferentiableScene",
     ),
     Effect(
         "exact-fresnel",
         "reflectance by Fresnel's own equations, which alone tell n from k",
         "it differs from its approximation by the angles that are seen",
         0.0,
-        "shaders.fresnel.conductor",
+        "fit_material.shaders.optics.fresnel.conductor",
     ),
     Effect(
         "pixel-footprint",
         "what varies inside of a pixel",
         "a pixel sees more than its middle ray",
         0.6,
-        "renderer.footprint.filled",
+        "fit_material.renderer.rays.pixel_footprint.filled",
     ),
 )
 

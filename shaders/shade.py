@@ -16,8 +16,9 @@ from dataclasses import dataclass
 from jaxtyping import Float
 from torch import Tensor
 
-from shaders import diffuse, fresnel, lobe
-from shaders.materials import Glossy, Material, Matte, Metal
+from fit_material.shaders.lights import DirectionalLight
+from fit_material.shaders.materials.types import Glossy, Material, Matte, Metal
+from fit_material.shaders.optics import blur, diffuse, fresnel
 
 Lookup = Callable[[Float[Tensor, "*p 3"]], Float[Tensor, "*p 3"]]
 DepthLookup = Callable[[Float[Tensor, "*p 3"]], Float[Tensor, "*p"]]
@@ -48,19 +49,6 @@ class Points:
     def reflected(self) -> Float[Tensor, "*p 3"]:
         """r = 2(n·v)n - v, the mirrored view."""
         return 2 * (self.normal * self.view).sum(-1, keepdim=True) * self.normal - self.view
-
-
-@dataclass(frozen=True)
-class DirectionalLight:
-    """A light so far away that it shines from one direction.
-
-    Attributes:
-        towards: unit direction towards it.
-        radiance: E of MODEL.md 3.2 and 4, its irradiance on a surface that faces it over π.
-    """
-
-    towards: Float[Tensor, "3"]
-    radiance: Float[Tensor, "3"]
 
 
 class Illumination(ABC):
@@ -94,7 +82,7 @@ class Light(Illumination):
     sources: tuple[DirectionalLight, ...] = ()
 
     def blurred(self, r: Float[Tensor, "*p 3"], rho: Float[Tensor, ""]) -> Float[Tensor, "*p 3"]:
-        return lobe.blur(self.radiance, r, rho if self.depth is None else rho * self.depth(r))
+        return blur.blur(self.radiance, r, rho if self.depth is None else rho * self.depth(r))
 
 
 def shade(material: Material, points: Points, light: Illumination) -> Float[Tensor, "*p 3"]:
@@ -129,7 +117,7 @@ def reflection(
     r = points.reflected
     blurred = light.blurred(r, roughness)
     for source in light.sources:
-        blurred = blurred + source.radiance.to(r) * lobe.light_reflection(r, source.towards, roughness)
+        blurred = blurred + source.radiance.to(r) * blur.light_reflection(r, source.towards, roughness)
     return double_bounce(f, points.openness) * blurred
 
 

@@ -8,14 +8,14 @@ from pathlib import Path
 
 import numpy as np
 
-from renderer.environment import Environment
-from renderer.images import write_exr
-from renderer.mesh import Mesh
-from renderer.path_tracer import render
-from renderer.studio import studio
-from renderer.synth_files import scene_toml
-from renderer.to_mitsuba import conductor
-from renderer.views import View
+from fit_material.renderer.environment.environment import Environment
+from fit_material.renderer.geometry.mesh import Mesh
+from fit_material.renderer.images.image_file import write_exr
+from fit_material.renderer.mitsuba.conversion import conductor
+from fit_material.renderer.path_tracing.path_tracer import render
+from fit_material.renderer.synthesis.camera_placement import View
+from fit_material.renderer.synthesis.scene_writer import scene_toml
+from fit_material.renderer.synthesis.studio import studio
 
 N, K, ALPHA = (0.146, 0.425, 1.431), (3.578, 2.326, 1.85), 0.3
 RIM = np.deg2rad(115)  # from the zenith

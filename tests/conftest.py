@@ -10,7 +10,7 @@ import pytest
 import torch
 from hypothesis import settings
 
-from renderer import dr_jit
+from fit_material.renderer.backends import dr_jit
 
 dr_jit.prepare()  # before there are threads; processes that tests start inherit the choice, and say nothing of it
 # several tests run at once, and the machine is shared: operations that wait for other cores wait long
@@ -35,8 +35,8 @@ def shared_data() -> Path:
 @pytest.fixture(scope="session")
 def gl():
     """An OpenGL context without a window."""
-    from renderer.errors import InputError
-    from renderer.viewer.context import offscreen_context
+    from fit_material.renderer.errors.input_error import InputError
+    from fit_material.renderer.opengl.context import offscreen_context
 
     try:
         return offscreen_context()
@@ -47,9 +47,9 @@ def gl():
 @pytest.fixture(scope="session")
 def gold_photographs(tmp_path_factory) -> Path:
     """Folder of a small scene of gold."""
-    from fitter.catalogue import metal
-    from renderer.synth import SynthOptions, synthesise
-    from renderer.truth import TrueMetal
+    from fit_material.renderer.materials.catalogue import metal
+    from fit_material.renderer.materials.ground_truth import TrueMetal
+    from fit_material.renderer.synthesis.synthesise import SynthOptions, synthesise
 
     gold = metal("Au")
     options = SynthOptions(TrueMetal(gold.n, gold.k, alpha=0.25), size=40, spp=256, views=2)
@@ -65,7 +65,7 @@ def gold_scene(gold_photographs, tmp_path) -> Path:
 @pytest.fixture
 def mtl(tmp_path):
     """Writes a material file and reads it."""
-    from renderer.mtl import read_mtl
+    from fit_material.renderer.materials.mtl_reader import read_mtl
 
     def read(text: str | bytes, name="a.mtl", **options):
         (tmp_path / name).write_bytes(text if isinstance(text, bytes) else text.encode())

@@ -11,16 +11,16 @@ import torch
 import trimesh
 from jaxtyping import Float
 
-from fitter.fidelity import PRESETS
-from fitter.setting import Setting
-from renderer import gbuffer
-from renderer.camera import Camera, look_at
-from renderer.environment import Environment
-from renderer.gbuffer import GBuffer
-from renderer.images import write_exr
-from renderer.mesh import Mesh, Shape, Sphere, read_mesh
-from renderer.picture import draw
-from shaders.materials import Material
+from fit_material.fitter.forward.lighting import Setting
+from fit_material.fitter.options.fidelity import PRESETS
+from fit_material.renderer.cameras.camera import Camera, look_at
+from fit_material.renderer.environment.environment import Environment
+from fit_material.renderer.geometry.mesh import Mesh, Shape, Sphere, read_mesh
+from fit_material.renderer.images.image_file import write_exr
+from fit_material.renderer.rays import gbuffer
+from fit_material.renderer.rays.gbuffer import GBuffer
+from fit_material.renderer.rays.picture import draw
+from fit_material.shaders.materials.types import Material
 
 DISTANCE, FOV = 4.0, 30.0  # of the cameras from the ball's middle, and their angle of view in degrees
 SAMPLES = 512  # directions per pixel of a photograph

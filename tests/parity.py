@@ -10,15 +10,15 @@ import numpy as np
 import torch
 from jaxtyping import Float, Int
 
-from renderer.appearance import Appearance, Maps
-from renderer.camera import Camera, look_at
-from renderer.images import write_exr
-from renderer.mesh import Mesh
-from renderer.model import Model
-from renderer.surroundings import Surroundings
-from renderer.textures import Texture
-from shaders.materials import Glossy, Material, Matte, Metal
-from shaders.shade import DirectionalLight
+from fit_material.renderer.cameras.camera import Camera, look_at
+from fit_material.renderer.geometry.mesh import Mesh
+from fit_material.renderer.images.image_file import write_exr
+from fit_material.renderer.images.textures import Texture
+from fit_material.renderer.materials.textured_material import Appearance, Maps
+from fit_material.renderer.viewer_model.model import Model
+from fit_material.renderer.viewer_model.viewer_light import Surroundings
+from fit_material.shaders.lights import DirectionalLight
+from fit_material.shaders.materials.types import Glossy, Material, Matte, Metal
 
 TOLERANCE = 1e-4  # relative, at the 99.9th percentile of covered pixels: the figure
 FLOOR = 1e-3  # of the picture's mean: what is darker counts as this bright

@@ -9,12 +9,12 @@ from pathlib import Path
 import numpy as np
 import trimesh
 
-from renderer import gbuffer
-from renderer.images import write_exr
-from renderer.mesh import Mesh, Shape, Sphere
-from renderer.scene import LightSpec
-from renderer.synth_files import scene_toml
-from renderer.views import View, views
+from fit_material.renderer.geometry.mesh import Mesh, Shape, Sphere
+from fit_material.renderer.images.image_file import write_exr
+from fit_material.renderer.rays import gbuffer
+from fit_material.renderer.scene.scene_file import LightSpec
+from fit_material.renderer.synthesis.camera_placement import View, views
+from fit_material.renderer.synthesis.scene_writer import scene_toml
 from tests import bowl as golden
 from tests.soft_scene import soft_light
 from tests.test_visibility import ball

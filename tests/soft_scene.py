@@ -7,10 +7,10 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float
 
-from fitter.catalogue import metal
-from renderer.images import write_exr
-from renderer.synth import SynthOptions, synthesise
-from renderer.truth import TrueMaterial, TrueMetal
+from fit_material.renderer.images.image_file import write_exr
+from fit_material.renderer.materials.catalogue import metal
+from fit_material.renderer.materials.ground_truth import TrueMaterial, TrueMetal
+from fit_material.renderer.synthesis.synthesise import SynthOptions, synthesise
 
 Vector = tuple[float, float, float]
 LAMPS: tuple[tuple[Vector, float, Vector], ...] = (  # towards, sharpness, radiance

@@ -8,10 +8,10 @@ from pathlib import Path
 import numpy as np
 import torch
 
-from renderer.camera import Camera
-from renderer.images import write_exr
-from renderer.synth import SynthOptions, synthesise
-from renderer.truth import TrueGlossy, TrueMatte, TrueMetal
+from fit_material.renderer.cameras.camera import Camera
+from fit_material.renderer.images.image_file import write_exr
+from fit_material.renderer.materials.ground_truth import TrueGlossy, TrueMatte, TrueMetal
+from fit_material.renderer.synthesis.synthesise import SynthOptions, synthesise
 
 SIZE = 24
 GOLD = TrueMetal((0.146, 0.425, 1.431), (3.578, 2.326, 1.85), 0.2)

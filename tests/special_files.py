@@ -34,19 +34,19 @@ COLMAP = "1 PINHOLE 4 4 1 1 2 2\n"
 
 def readers() -> Iterator[tuple[str, str, Callable[[Path], Any]]]:
     """What reads a file, and the file's name."""
-    from fitter.batch.scene_list import read_lists
-    from fitter.frontier_errors import truth_beside
-    from fitter.result import read_result
-    from renderer.cameras import read_cameras
-    from renderer.digests import sha256_of
-    from renderer.environment import read_environment
-    from renderer.exif import relative_exposure
-    from renderer.images import read_image
-    from renderer.mesh import read_mesh
-    from renderer.mtl import read_mtl
-    from renderer.samples import FORMATS
-    from renderer.scene import read_scene
-    from renderer.textures import read_texture
+    from fit_material.fitter.batch.scene_list import read_lists
+    from fit_material.fitter.frontier.errors import truth_beside
+    from fit_material.fitter.result.schema import read_result
+    from fit_material.renderer.camera_files.importers import read_cameras
+    from fit_material.renderer.environment.environment_file import read_environment
+    from fit_material.renderer.files.digests import sha256_of
+    from fit_material.renderer.geometry.mesh import read_mesh
+    from fit_material.renderer.images.exif import relative_exposure
+    from fit_material.renderer.images.image_file import read_image
+    from fit_material.renderer.images.samples import FORMATS
+    from fit_material.renderer.images.textures import read_texture
+    from fit_material.renderer.materials.mtl_reader import read_mtl
+    from fit_material.renderer.scene.scene_file import read_scene
 
     yield from ((f"image {ending}", f"a{ending}", read_image) for ending in FORMATS)
     yield from ((f"mesh {ending}", f"a{ending}", read_mesh) for ending in (".obj", ".ply", ".stl", ".glb"))
@@ -66,7 +66,7 @@ def readers() -> Iterator[tuple[str, str, Callable[[Path], Any]]]:
 
 
 def _colmap(path: Path) -> Any:
-    from renderer.cameras import read_cameras
+    from fit_material.renderer.camera_files.importers import read_cameras
 
     (path.parent / "cameras.txt").write_text(COLMAP)
     return read_cameras(path.parent, None)
@@ -74,7 +74,7 @@ def _colmap(path: Path) -> Any:
 
 def _scene_with(key: str) -> Callable[[Path], Any]:
     """A scene of which that one key names the file, and the others one that is whole."""
-    from renderer.scene import read_scene
+    from fit_material.renderer.scene.scene_file import read_scene
 
     def read(path: Path) -> Any:
         regular = path.with_name("regular.png")
@@ -90,7 +90,7 @@ def _scene_with(key: str) -> Callable[[Path], Any]:
 
 def said(read: Callable[[Path], Any], path: Path) -> str:
     """How a reader ends."""
-    from renderer.errors import InputError
+    from fit_material.renderer.errors.input_error import InputError
 
     signal.alarm(SECONDS)
     try:

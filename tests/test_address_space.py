@@ -31,7 +31,16 @@ COMMANDS = [
 
 def run(*arguments: str, limit: int, folder) -> subprocess.CompletedProcess[str]:
     return subprocess.run(
-        ["sh", "-c", f'ulimit -v {limit >> 10}; exec "$@"', "sh", sys.executable, "-m", "fitter.cli", *arguments],
+        [
+            "sh",
+            "-c",
+            f'ulimit -v {limit >> 10}; exec "$@"',
+            "sh",
+            sys.executable,
+            "-m",
+            "fit_material.fitter.commands.app",
+            *arguments,
+        ],
         capture_output=True,
         text=True,
         check=False,

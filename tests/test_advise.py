@@ -12,21 +12,21 @@ import pytest
 import trimesh
 from soft_scene import soft_light
 
-from fitter.advice import Advice, Candidate
-from fitter.advise import advise
-from fitter.catalogue import metal
-from fitter.fidelity import preset
-from fitter.pipeline import FitOptions, fit_scene
-from fitter.result import Result
-from renderer.environment import read_environment
-from renderer.images import write_exr
-from renderer.mesh import Sphere, read_mesh
-from renderer.path_tracer import render
-from renderer.scene import CameraSpec, camera_of, read_scene
-from renderer.synth import SynthOptions, synthesise
-from renderer.to_mitsuba import bsdf_of, variant_here
-from renderer.truth import TrueMetal
-from renderer.views import views
+from fit_material.fitter.next_view.advice import Advice, Candidate
+from fit_material.fitter.next_view.advise import advise
+from fit_material.fitter.options.fidelity import preset
+from fit_material.fitter.pipeline.fit_scene import FitOptions, fit_scene
+from fit_material.fitter.result.schema import Result
+from fit_material.renderer.environment.environment_file import read_environment
+from fit_material.renderer.geometry.mesh import Sphere, read_mesh
+from fit_material.renderer.images.image_file import write_exr
+from fit_material.renderer.materials.catalogue import metal
+from fit_material.renderer.materials.ground_truth import TrueMetal
+from fit_material.renderer.mitsuba.conversion import bsdf_of, variant_here
+from fit_material.renderer.path_tracing.path_tracer import render
+from fit_material.renderer.scene.scene_file import CameraSpec, camera_of, read_scene
+from fit_material.renderer.synthesis.camera_placement import views
+from fit_material.renderer.synthesis.synthesise import SynthOptions, synthesise
 
 OPTIONS = FitOptions(preset("preview"), type="metal")
 SIZE, SPP, NOISE = 64, 1024, 0.02

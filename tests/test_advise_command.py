@@ -13,11 +13,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 from soft_scene import gold, soft_scene
 
-from fitter import cli
-from fitter.fidelity import PRESETS, preset
-from fitter.pipeline import FitOptions, fit_scene
-from renderer.errors import InputError
-from renderer.scene import read_scene
+from fit_material.fitter.commands import app
+from fit_material.fitter.options.fidelity import PRESETS, preset
+from fit_material.fitter.pipeline.fit_scene import FitOptions, fit_scene
+from fit_material.renderer.errors.input_error import InputError
+from fit_material.renderer.scene.scene_file import read_scene
 
 VIEW = "origin target up fov projection scale ratio angle_to_nearest_view"
 WHY = "the viewer's model sees F0 alone, and follows no photograph closely enough to say where to take another"
@@ -44,7 +44,7 @@ def call(capfd, monkeypatch):
     def run(*arguments: object) -> tuple[int, str, str]:
         monkeypatch.setattr(sys, "argv", ["fit-material", "advise", *map(str, arguments)])
         with pytest.raises(SystemExit) as ended:
-            cli.main()
+            app.main()
         printed = capfd.readouterr()
         assert isinstance(ended.value.code, int)
         return ended.value.code, printed.out, printed.err
@@ -245,7 +245,7 @@ def test_slips_in_the_arguments(scene, refused, arguments, told):
 @given(st.sampled_from(["n", "k", "alpha"]), st.floats(allow_nan=True, allow_infinity=True))
 def test_no_number_in_a_result_ends_in_a_traceback(fitted, key, value):
     """Whatever stands there is refused, or taken for a material."""
-    from fitter.earlier_result import material_of, read_earlier_result
+    from fit_material.fitter.next_view.previous_result import material_of, read_earlier_result
 
     data = json.loads(result_of(fitted).read_text("utf-8"))
     data["materials"][0][key] = value if key == "alpha" else [value] * 3

@@ -13,14 +13,14 @@ import numpy as np
 import pytest
 import torch
 
-from fitter import album as album_module
-from fitter.album import FULL_SIZE, Album, thumbnail_side
-from fitter.loading import load
-from fitter.photographs import Photograph
-from renderer.camera import Camera
-from renderer.errors import InputError
-from renderer.images import write_exr
-from renderer.picture import LARGEST_SIDE
+from fit_material.fitter.observations import album as album_module
+from fit_material.fitter.observations.album import FULL_SIZE, Album, thumbnail_side
+from fit_material.fitter.observations.photograph import Photograph
+from fit_material.fitter.observations.scene_data import load
+from fit_material.renderer.cameras.camera import Camera
+from fit_material.renderer.errors.input_error import InputError
+from fit_material.renderer.images.image_file import write_exr
+from fit_material.renderer.rays.picture import LARGEST_SIDE
 
 HEIGHT, WIDTH = 4, 6
 BYTES = HEIGHT * WIDTH * (3 * 4 + 1)
@@ -124,8 +124,8 @@ CHILD = """
 import json, sys
 from pathlib import Path
 from fitter import album
-from fitter.loading import load
-from fitter.selection import choose_pixels
+from fit_material.fitter.observations.scene_data import load
+from fit_material.fitter.observations.pixel_selection import choose_pixels
 from renderer import gbuffer
 album.KEPT = 0
 def peak():  # getrusage's is at least that of the process which began this one

@@ -7,7 +7,7 @@ import math
 import pytest
 import torch
 
-from fitter.alike import Alike, as_good
+from fit_material.fitter.estimation.equivalent_roughness import Alike, as_good
 
 
 def test_models_that_differ_by_chance_are_as_good():

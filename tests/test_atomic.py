@@ -3,8 +3,8 @@ from pathlib import Path
 
 import pytest
 
-from renderer.atomic import replaced_together, write_bytes_atomically, write_text_atomically
-from renderer.errors import InputError
+from fit_material.renderer.errors.input_error import InputError
+from fit_material.renderer.files.atomic import replaced_together, write_bytes_atomically, write_text_atomically
 
 
 def names(folder: Path) -> list[str]:

@@ -10,15 +10,16 @@ import numpy as np
 import pytest
 import torch
 
-from fitter.background import Behind, Patch
-from renderer import gbuffer, latlong
-from renderer.environment import Environment
-from renderer.images import write_exr
-from renderer.mesh import Sphere
-from renderer.scene import CameraSpec, PhotographSpec, camera_of
-from renderer.studio import sun_and_sky
-from renderer.to_mitsuba import envmap, mitsuba, sensor
-from shaders.tone_mapping import srgb
+from fit_material.fitter.observations.background_calibration import Behind, Patch
+from fit_material.renderer.environment import latlong
+from fit_material.renderer.environment.environment import Environment
+from fit_material.renderer.geometry.mesh import Sphere
+from fit_material.renderer.images.image_file import write_exr
+from fit_material.renderer.mitsuba.conversion import envmap, mitsuba, sensor
+from fit_material.renderer.rays import gbuffer
+from fit_material.renderer.scene.scene_file import CameraSpec, PhotographSpec, camera_of
+from fit_material.renderer.synthesis.studio import sun_and_sky
+from fit_material.shaders.tone_mapping import srgb
 
 SIZE = 64
 CAMERA = CameraSpec(origin=(0.0, 0.3, 4.0), target=(0.0, 0.0, 0.0), fov=45.0)

@@ -16,19 +16,19 @@ from pathlib import Path
 
 import pytest
 
-from fitter import cli
-from fitter.batch import crew
-from fitter.batch.batch import Asked, Batch
-from fitter.fit_command import chosen
-from fitter.fit_options import FitOptions
-from fitter.passed_options import options_said
-from fitter.pipeline import fit_scene
-from fitter.result import read_result
-from renderer import threads
-from renderer.synth import SynthOptions, synthesise
-from renderer.truth import TrueMatte
+from fit_material.fitter.batch.batch import Asked, Batch
+from fit_material.fitter.batch.workers import pool
+from fit_material.fitter.command_line.signature import options_said
+from fit_material.fitter.commands import app
+from fit_material.fitter.commands.fit import chosen
+from fit_material.fitter.options.fit_options import FitOptions
+from fit_material.fitter.pipeline.fit_scene import fit_scene
+from fit_material.fitter.result.schema import read_result
+from fit_material.renderer.compute import threads
+from fit_material.renderer.materials.ground_truth import TrueMatte
+from fit_material.renderer.synthesis.synthesise import SynthOptions, synthesise
 
-COMMAND = [sys.executable, "-m", "fitter.cli", "batch"]
+COMMAND = [sys.executable, "-m", "fit_material", "batch"]
 QUICK = ("--fidelity", "preview", "--pixels", "300", "--samples", "64")
 FILES = {"result.json", "report.html", "comparison.png", "sphere.mtl", "sphere.thesis.mtl"}  # what `fit` writes
 GOOD = tuple(f"clay-{index}" for index in range(7))
@@ -176,7 +176,7 @@ def test_again_for_nothing(story, monkeypatch, capsys, tmp_path):
     folder = shutil.copytree(story["folder"], tmp_path / "again")
     shutil.rmtree(folder / "wrong")
     before = {path: path.stat().st_mtime_ns for path in (folder / "out").glob("*/*")}
-    monkeypatch.setattr(crew, "local_fits", None)
+    monkeypatch.setattr(pool, "local_fits", None)
     assert run(monkeypatch, "batch", folder, "-o", folder / "out", *QUICK, "--type", "matte") == 0
     told = capsys.readouterr().out
     assert "7 scenes: 7 converged; 7 of them fitted before. " in told
@@ -248,12 +248,12 @@ def run(monkeypatch, *arguments: object) -> int:
     monkeypatch.setattr(sys, "argv", ["fit-material", *map(str, arguments)])
     monkeypatch.setattr(threads, "_limit", [])
     with pytest.raises(SystemExit) as ended:
-        cli.main()
+        app.main()
     return int(ended.value.code or 0)
 
 
 def test_one_batch_at_a_time_in_a_folder(clay, tmp_path, monkeypatch, capsys):
-    from fitter.batch.batch import alone_in
+    from fit_material.fitter.batch.batch import alone_in
 
     with alone_in(tmp_path):
         assert run(monkeypatch, "batch", clay, "-o", tmp_path) == 2

@@ -17,16 +17,19 @@ from pathlib import Path
 import pytest
 from test_batch import FILES, QUICK, run
 
-from fitter.batch import cluster
-from fitter.batch.scheduler import Certificates, Scheduler, scheduler_of
-from renderer.errors import InputError
-from renderer.synth import SynthOptions, synthesise
-from renderer.truth import TrueMatte
+from fit_material.fitter.batch.workers import cluster
+from fit_material.fitter.batch.workers.scheduler import Certificates, Scheduler, scheduler_of
+from fit_material.renderer.errors.input_error import InputError
+from fit_material.renderer.materials.ground_truth import TrueMatte
+from fit_material.renderer.synthesis.synthesise import SynthOptions, synthesise
 
 ROOT = Path(__file__).resolve().parents[1]
 DOCUMENTED = re.findall(r"```sh\n(.*?)\n```", (ROOT / "docs" / "many-scenes.md").read_text("utf-8"), re.DOTALL)
 MAKE, SCHEDULE, WORK, BATCH = map(shlex.split, DOCUMENTED)
-PROGRAMS = {"dask": [sys.executable, "-m", "dask"], "fit-material": [sys.executable, "-m", "fitter.cli"]}
+PROGRAMS = {
+    "dask": [sys.executable, "-m", "dask"],
+    "fit-material": [sys.executable, "-m", "fit_material"],
+}
 ENVIRONMENT = {**os.environ, "PYTHONPATH": str(ROOT)}
 
 needs_openssl = pytest.mark.skipif(shutil.which("openssl") is None, reason="certificates are made by openssl")

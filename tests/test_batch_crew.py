@@ -15,13 +15,13 @@ from pathlib import Path
 
 import pytest
 
-from fitter import pipeline
-from fitter.batch import crew, process
-from fitter.batch.crew import DEATHS, Lost, local_fits
-from fitter.batch.interrupts import interrupts_held
-from fitter.batch.record import key_of
-from fitter.batch.worker import Ended, Task, fit_one
-from fitter.fit_options import FitOptions
+from fit_material.fitter.batch.workers import pool, process
+from fit_material.fitter.batch.workers.interrupts import interrupts_held
+from fit_material.fitter.batch.workers.pool import DEATHS, Lost, local_fits
+from fit_material.fitter.batch.workers.record import key_of
+from fit_material.fitter.batch.workers.worker import Ended, Task, fit_one
+from fit_material.fitter.options.fit_options import FitOptions
+from fit_material.fitter.pipeline import fit_scene
 
 CONNECTED = """
 import os, pickle, signal, sys
@@ -204,7 +204,7 @@ def test_a_fit_that_gets_no_thread_is_no_internal_error(monkeypatch, tmp_path):
     def refuse(*arguments, **options):
         raise RuntimeError("can't start new thread")
 
-    monkeypatch.setattr(pipeline, "fit_scene", refuse)
+    monkeypatch.setattr(fit_scene, "fit_scene", refuse)
     folder = tmp_path / "unfinished"
     folder.mkdir()
     task = Task("a", tmp_path / "scene.toml", FitOptions(), key_of(FitOptions()), folder, "")
@@ -216,9 +216,9 @@ def test_a_fit_that_gets_no_thread_is_no_internal_error(monkeypatch, tmp_path):
 
 
 def test_workers_are_as_many_as_scenes_cores_and_memory_serve(monkeypatch):
-    monkeypatch.setattr(crew, "cores", lambda: 8)
-    monkeypatch.setattr(crew, "memory_limit", lambda: 13 * 2**30)
-    assert [crew.usual_workers(scenes, each) for scenes, each in ((100, 1), (3, 1), (100, 2), (100, 16))] == [
+    monkeypatch.setattr(pool, "cores", lambda: 8)
+    monkeypatch.setattr(pool, "memory_limit", lambda: 13 * 2**30)
+    assert [pool.usual_workers(scenes, each) for scenes, each in ((100, 1), (3, 1), (100, 2), (100, 16))] == [
         6,
         3,
         4,

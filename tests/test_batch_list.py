@@ -11,10 +11,10 @@ from pathlib import Path
 
 import pytest
 
-from fitter import cli
-from fitter.batch.pattern import matching
-from fitter.batch.scene_list import read_lists
-from renderer.errors import InputError
+from fit_material.fitter.batch.pattern import matching
+from fit_material.fitter.batch.scene_list import read_lists
+from fit_material.fitter.commands import app
+from fit_material.renderer.errors.input_error import InputError
 
 
 @pytest.fixture
@@ -145,7 +145,7 @@ def test_no_list(folder):
 def test_nobody_s_home_in_the_place_of_a_list_is_one_sentence(given, sentence, folder, monkeypatch, capsys):
     monkeypatch.setattr(sys, "argv", ["fit-material", "batch", given, "-o", str(folder / "out")])
     with pytest.raises(SystemExit) as ended:
-        cli.main()
+        app.main()
     assert (ended.value.code, capsys.readouterr().err) == (2, f"fit-material: {sentence}\n")
 
 

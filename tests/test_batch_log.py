@@ -10,10 +10,10 @@ from pathlib import Path
 
 import pytest
 
-from fitter.batch.batch import alone_in
-from fitter.batch.fits_log import append_to_log
-from fitter.batch.record import Fitted
-from renderer.errors import InputError
+from fit_material.fitter.batch.batch import alone_in
+from fit_material.fitter.batch.fits_log import append_to_log
+from fit_material.fitter.batch.workers.record import Fitted
+from fit_material.renderer.errors.input_error import InputError
 
 RECORD = Fitted(scene="/scenes/a/scene.toml", key="0123", files={}, worker="process 1 of here", starts=2)
 LINE = '{"name": "a", "scene": "/scenes/a/scene.toml", "key": "0123"}\n'

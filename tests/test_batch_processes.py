@@ -18,13 +18,13 @@ from pathlib import Path
 import pytest
 from test_batch import QUICK, run, taken_over, under_way, wait_until
 
-from fitter.batch import process
-from fitter.batch.summary import WORDS
-from renderer.synth import SynthOptions, synthesise
-from renderer.truth import TrueMatte
+from fit_material.fitter.batch.summary import WORDS
+from fit_material.fitter.batch.workers import process
+from fit_material.renderer.materials.ground_truth import TrueMatte
+from fit_material.renderer.synthesis.synthesise import SynthOptions, synthesise
 
 ROOT = Path(__file__).resolve().parents[1]
-COMMAND = "import sys; from fitter.cli import program; sys.argv[0] = 'fit-material'; program()"  # as it is installed
+COMMAND = "import sys; from fit_material.fitter.__main__ import program; sys.argv[0] = 'fit-material'; program()"
 MARK = "FIT_MATERIAL_TEST"  # in the environment of a batch and of all that it begins
 DONE = "fit-material: 0 of 2 scenes are done and kept; the same command goes on with the others"
 INTERRUPTED = "fit-material: interrupted; files of earlier results are as they were, and frontier and batch can go on"
@@ -199,7 +199,7 @@ MOMENTS = {
 def is_to_fit(process: int) -> bool:
     """Whether it is one of those that fit; LLVM is tried in others before."""
     try:
-        return b"fitter.batch.child" in Path(f"/proc/{process}/cmdline").read_bytes()
+        return b"fit_material.fitter.batch.workers.child" in Path(f"/proc/{process}/cmdline").read_bytes()
     except OSError:  # it has ended
         return False
 

@@ -8,10 +8,10 @@ import pytest
 import scipy.stats
 import torch
 
-from fitter.catalogue import metal
-from fitter.result import FittedMaterial
-from renderer.synth import SynthOptions, synthesise
-from renderer.truth import TrueMetal
+from fit_material.fitter.result.schema import FittedMaterial
+from fit_material.renderer.materials.catalogue import metal
+from fit_material.renderer.materials.ground_truth import TrueMetal
+from fit_material.renderer.synthesis.synthesise import SynthOptions, synthesise
 from tests.bench import large_photographs, noise, photographs
 from tests.bench.cramer_rao import Bound, bound, information
 from tests.bench.estimates import Estimate, curve_error, estimate_of, true_numbers

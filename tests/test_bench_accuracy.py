@@ -8,11 +8,11 @@ from typing import Any
 
 import pytest
 
-from fitter.frontier import frontier_of
-from fitter.frontier_errors import Reference
-from fitter.frontier_rungs import Rung
-from fitter.frontier_runs import Run
-from fitter.result import FittedMaterial, Intervals, Time
+from fit_material.fitter.frontier.errors import Reference
+from fit_material.fitter.frontier.pareto import frontier_of
+from fit_material.fitter.frontier.rungs import Rung
+from fit_material.fitter.frontier.runs import Run
+from fit_material.fitter.result.schema import FittedMaterial, Intervals, Time
 from tests.bench.accuracy import Compared, page_text
 from tests.bench.accuracy_advice import beyond, step, whom, worst_number
 from tests.bench.accuracy_plot import accuracy_figure, accuracy_png

@@ -5,7 +5,7 @@ from collections import Counter
 
 from test_result import result
 
-from fitter.result import write_result
+from fit_material.fitter.result.schema import write_result
 from tests.bench import batch
 from tests.bench.batch import Batched
 

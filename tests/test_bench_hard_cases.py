@@ -7,9 +7,9 @@ import math
 import pytest
 import torch
 
-from fitter.hard_cases.row import Numbers
-from fitter.hard_cases.table import ROWS, TOPICS, Verdict
-from renderer.to_mitsuba import variant_here
+from fit_material.fitter.selftest.experiments.row import Numbers
+from fit_material.fitter.selftest.table import ROWS, TOPICS, Verdict
+from fit_material.renderer.mitsuba.conversion import variant_here
 from tests.bench import peers
 from tests.bench.hard_cases import MEANINGS, page_text
 from tests.bench.peers import PLACES, Judged, Place

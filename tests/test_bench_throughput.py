@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 import torch
 
-from fitter.setting import Setting
-from renderer.studio import studio
-from renderer.to_mitsuba import variant_here
+from fit_material.fitter.forward.lighting import Setting
+from fit_material.renderer.mitsuba.conversion import variant_here
+from fit_material.renderer.synthesis.studio import studio
 from tests.bench import throughput
 from tests.bench.throughput import Case, Taken, Way, further, in_turn, ratios, table
 

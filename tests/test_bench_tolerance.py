@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 from test_result import result
 
-from fitter.result import Determined, FittedMaterial, Rung, Time, Tolerance
+from fit_material.fitter.result.schema import Determined, FittedMaterial, Rung, Time, Tolerance
 from tests.bench import fits
 from tests.bench.estimates import SLICES, true_numbers
 from tests.bench.fits import How

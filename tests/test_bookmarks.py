@@ -12,9 +12,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from renderer.errors import InputError
-from renderer.viewer.bookmarks import Bookmarks, bookmarks_file, read_bookmarks
-from renderer.viewer.eye import Eye
+from fit_material.renderer.errors.input_error import InputError
+from fit_material.renderer.viewer.bookmarks import Bookmarks, bookmarks_file, read_bookmarks
+from fit_material.renderer.viewer.eye import Eye
 
 EYE = Eye((1.0, 2.0, 3.0), 4.0, yaw=0.5, pitch=-0.2)
 

@@ -13,21 +13,21 @@ import torch
 from PIL import Image as PillowImage
 from scipy.optimize import least_squares
 
-from fitter.condensed import solved
-from fitter.fidelity import PRESETS, preset
-from fitter.noise import even_whitening, local_whitening, neighbours_of, relative_weight
-from fitter.parameters import Interval, MetalCoordinates
-from fitter.photographs import Photograph, read_photograph
-from fitter.pipeline import FitOptions, fit_scene
-from fitter.residuals import LIFTED, Residuals
-from fitter.search import _whitening
-from fitter.selection import BOUNDS, choose_pixels
-from fitter.setting import Setting
-from fitter.solve import SOLVERS
-from renderer import gbuffer
-from renderer.images import read_image
-from renderer.mesh import Sphere
-from renderer.studio import studio
+from fit_material.fitter.estimation.coarse_to_fine import _whitening
+from fit_material.fitter.forward.lighting import Setting
+from fit_material.fitter.least_squares.noise import even_whitening, local_whitening, neighbours_of, relative_weight
+from fit_material.fitter.least_squares.reduced_residuals import solved
+from fit_material.fitter.least_squares.residuals import LIFTED, Residuals
+from fit_material.fitter.least_squares.solvers import SOLVERS
+from fit_material.fitter.materials.coordinates import Interval, MetalCoordinates
+from fit_material.fitter.observations.photograph import Photograph, read_photograph
+from fit_material.fitter.observations.pixel_selection import BOUNDS, choose_pixels
+from fit_material.fitter.options.fidelity import PRESETS, preset
+from fit_material.fitter.pipeline.fit_scene import FitOptions, fit_scene
+from fit_material.renderer.geometry.mesh import Sphere
+from fit_material.renderer.images.image_file import read_image
+from fit_material.renderer.rays import gbuffer
+from fit_material.renderer.synthesis.studio import studio
 from tests.modelled import Modelled, written
 from tests.srgb_curve import encoded
 from tests.test_exposures import spec

@@ -10,8 +10,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from torch import Tensor
 
-from renderer.box_filter import box_filtered
-from renderer.latlong import row_solid_angle
+from fit_material.renderer.environment.downsampling import box_filtered
+from fit_material.renderer.environment.latlong import row_solid_angle
 
 
 def noise_map(height: int, width: int) -> Tensor:

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 import torch
 
-from fitter.bridge import Bridge
-from fitter.solve import levenberg_marquardt
+from fit_material.fitter.least_squares.jax_bridge import Bridge
+from fit_material.fitter.least_squares.solvers import levenberg_marquardt
 
 
 def curve(x: torch.Tensor) -> torch.Tensor:

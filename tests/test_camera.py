@@ -7,7 +7,7 @@ import torch
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from renderer.camera import Camera, look_at
+from fit_material.renderer.cameras.camera import Camera, look_at
 
 coordinate = st.floats(-10, 10, allow_subnormal=False)
 point = st.tuples(coordinate, coordinate, coordinate)

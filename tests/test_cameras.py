@@ -7,10 +7,10 @@ import pytest
 import torch
 from PIL import Image
 
-from fitter.loading import input_files
-from renderer.camera import Camera
-from renderer.errors import InputError
-from renderer.scene import Scene, camera_of, read_scene
+from fit_material.fitter.observations.scene_data import input_files
+from fit_material.renderer.cameras.camera import Camera
+from fit_material.renderer.errors.input_error import InputError
+from fit_material.renderer.scene.scene_file import Scene, camera_of, read_scene
 
 pycolmap = pytest.importorskip("pycolmap")
 

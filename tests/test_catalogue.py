@@ -5,8 +5,8 @@ import sys
 
 import pytest
 
-from fitter.catalogue import metal, read_catalogue
-from renderer.errors import InputError
+from fit_material.renderer.errors.input_error import InputError
+from fit_material.renderer.materials.catalogue import metal, read_catalogue
 
 # Reflectance at normal incidence as tabulated beside n and k in the table that metals.csv was copied from.
 F0 = {
@@ -70,6 +70,8 @@ def test_a_hopeless_name_is_told_all_symbols():
 
 
 def test_the_catalogue_needs_no_heavy_import():
-    code = "import sys, fitter.catalogue; print({'torch', 'jax', 'mitsuba'} & set(sys.modules))"
+    code = (
+        "import sys, fit_material.renderer.materials.catalogue; print({'torch', 'jax', 'mitsuba'} & set(sys.modules))"
+    )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "set()"

@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.polynomial import chebyshev as reference
 
-from renderer import chebyshev
+from fit_material.renderer.compute import chebyshev
 
 counts, positions = st.integers(1, 20), st.floats(-1, 1)
 

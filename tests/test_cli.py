@@ -20,13 +20,14 @@ import pytest
 import tinyobjloader
 from test_result import result
 
-from fitter import cli, remarks
-from fitter.catalogue import metal
-from renderer.images import write_exr
-from renderer.synth import SynthOptions, synthesise
-from renderer.truth import TrueMetal
+from fit_material.fitter.commands import app
+from fit_material.fitter.result import formatting
+from fit_material.renderer.images.image_file import write_exr
+from fit_material.renderer.materials.catalogue import metal
+from fit_material.renderer.materials.ground_truth import TrueMetal
+from fit_material.renderer.synthesis.synthesise import SynthOptions, synthesise
 
-COMMAND = [sys.executable, "-m", "fitter.cli"]
+COMMAND = [sys.executable, "-m", "fit_material"]
 # a program beside a test must not take all cores with tensors of a few thousand numbers
 ENVIRONMENT = {**os.environ, "OMP_NUM_THREADS": "1", "TERM": "xterm", "COLUMNS": "100"}
 FILES = {"result.json", "report.html", "comparison.png", "sphere.mtl", "sphere.thesis.mtl"}
@@ -154,8 +155,8 @@ def test_export_writes_the_same_material_files(done, tmp_path):
 
 
 def test_numbers_are_printed_with_four_digits():
-    assert remarks._with_error(0.000123456, 1.23456e-7) == "0.0001235 ± 1.235e-07"
-    assert remarks._with_error(12345.6, None) == "1.235e+04 (not determined)"
+    assert formatting._with_error(0.000123456, 1.23456e-7) == "0.0001235 ± 1.235e-07"
+    assert formatting._with_error(12345.6, None) == "1.235e+04 (not determined)"
 
 
 @pytest.mark.parametrize(
@@ -166,7 +167,7 @@ def test_exported_files_are_called_as_the_fit_called_them(tmp_path, names, stem)
     (tmp_path / "folder").mkdir()
     for name in names:
         (tmp_path / "folder" / name).touch()
-    assert cli._stem(tmp_path / "folder" / "result.json") == stem
+    assert app._stem(tmp_path / "folder" / "result.json") == stem
 
 
 def test_locales_without_our_letters():
@@ -355,11 +356,11 @@ def test_our_own_mistakes_are_one_line_too(capfd, monkeypatch, gold_scene):
     def broken(*_):
         raise ZeroDivisionError("in two\nlines")
 
-    monkeypatch.setattr("fitter.loading.read_scene", broken)
+    monkeypatch.setattr("fit_material.fitter.observations.scene_data.read_scene", broken)
     monkeypatch.delenv("FIT_MATERIAL_DEBUG", raising=False)
     monkeypatch.setattr(sys, "argv", ["fit-material", "fit", str(gold_scene), "-o", str(gold_scene.parent / "out")])
     with pytest.raises(SystemExit) as ended:
-        cli.main()
+        app.main()
     assert ended.value.code == 1
     printed = capfd.readouterr().err
     assert re.fullmatch(r"fit-material: internal error, please report it: in two lines \(.*\)\n", printed)
@@ -369,7 +370,7 @@ def test_our_own_mistakes_are_one_line_too(capfd, monkeypatch, gold_scene):
 def test_an_interrupt_that_python_would_swallow_is_heard_afterwards(where):
     code = f"""
 import gc, os, signal, time
-from fitter.cli import _watch_for_interrupts
+from fit_material.fitter.commands.app import _watch_for_interrupts
 pressed = _watch_for_interrupts()
 def press():
     os.kill(os.getpid(), signal.SIGTERM)

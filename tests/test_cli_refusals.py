@@ -13,8 +13,8 @@ import trimesh
 from PIL import Image
 from test_result import result
 
-from fitter import cli
-from renderer.images import write_exr
+from fit_material.fitter.commands import app
+from fit_material.renderer.images.image_file import write_exr
 
 
 @pytest.fixture
@@ -24,7 +24,7 @@ def refused(capfd, monkeypatch, tmp_path):
     def call(*arguments: object) -> str:
         monkeypatch.setattr(sys, "argv", ["fit-material", *map(str, arguments)])
         with pytest.raises(SystemExit) as ended:
-            cli.main()
+            app.main()
         printed = capfd.readouterr()
         assert ended.value.code == 2
         assert printed.out == ""

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from fitter.code_digest import code_digest
+from fit_material.fitter.result.provenance import code_digest
 
 ROOT = Path(__file__).resolve().parents[1]
 
@@ -41,7 +41,7 @@ def test_installed_code_has_the_name_of_its_source(installed):
     assert digest_of(installed) == code_digest()
 
 
-@pytest.mark.parametrize("changed", ["shaders/fresnel.py", "renderer/viewer/eye.py", "fitter/metals.csv"])
+@pytest.mark.parametrize("changed", ["shaders/optics/fresnel.py", "renderer/viewer/eye.py", "fitter/metals.csv"])
 def test_a_line_more_is_another_name(installed, changed):
     before = digest_of(installed)
     with open(installed / changed, "a", encoding="utf-8") as file:

@@ -14,25 +14,26 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from fitter import cli
-from fitter.color_map import codes
-from fitter.export import export
-from fitter.fidelity import PRESETS
-from fitter.fit_options import FitOptions
-from fitter.loading import load
-from fitter.pipeline import fit_scene, setting_of
-from fitter.result import read_result, write_result
-from renderer import gbuffer
-from renderer.camera import Camera, look_at
-from renderer.errors import InputError
-from renderer.images import read_image, write_exr
-from renderer.lens import Lens
-from renderer.mesh import Mesh
-from renderer.model import read_model
-from renderer.relief import with_relief
-from renderer.textures import Texture, read_texture
-from renderer.to_mitsuba import diffuse, plastic
-from shaders.materials import Matte
+from fit_material.fitter.commands import app
+from fit_material.fitter.export.formats import export
+from fit_material.fitter.fitted.color_texture import codes
+from fit_material.fitter.forward.lighting import setting_of
+from fit_material.fitter.observations.scene_data import load
+from fit_material.fitter.options.fidelity import PRESETS
+from fit_material.fitter.options.fit_options import FitOptions
+from fit_material.fitter.pipeline.fit_scene import fit_scene
+from fit_material.fitter.result.schema import read_result, write_result
+from fit_material.renderer.cameras.camera import Camera, look_at
+from fit_material.renderer.cameras.lens import Lens
+from fit_material.renderer.errors.input_error import InputError
+from fit_material.renderer.geometry.mesh import Mesh
+from fit_material.renderer.images.image_file import read_image, write_exr
+from fit_material.renderer.images.textures import Texture, read_texture
+from fit_material.renderer.mitsuba.conversion import diffuse, plastic
+from fit_material.renderer.rays import gbuffer
+from fit_material.renderer.rays.normal_mapping import with_relief
+from fit_material.renderer.viewer_model.model import read_model
+from fit_material.shaders.materials.types import Matte
 from tests.srgb_curve import decoded
 from tests.textured import ball, pattern, photograph_textured, seen_at
 
@@ -150,7 +151,7 @@ def refused(capfd, monkeypatch):
     def call(*arguments: object) -> str:
         monkeypatch.setattr(sys, "argv", ["fit-material", *map(str, arguments)])
         with pytest.raises(SystemExit) as ended:
-            cli.main()
+            app.main()
         assert ended.value.code == 2
         return capfd.readouterr().err
 

@@ -11,16 +11,24 @@ from hypothesis import given
 from hypothesis import strategies as st
 from PIL import Image
 
-from renderer.camera import Camera
-from renderer.errors import InputError
-from renderer.images import png, write_exr
-from renderer.scene import read_scene
-from renderer.viewer.compare import DIFFERENCE_RANGE, GAP, Area, Photograph, Photographs, areas, exposure_factor
-from renderer.viewer.display import Display, draw_whole
-from renderer.viewer.eye import Eye
-from renderer.viewer.look import COMPARISONS, Look
-from renderer.viewer.refinement import Refinement, sample_offsets
-from shaders.tone_mapping import CURVES, tone_mapped
+from fit_material.renderer.cameras.camera import Camera
+from fit_material.renderer.errors.input_error import InputError
+from fit_material.renderer.images.image_file import png, write_exr
+from fit_material.renderer.opengl.refinement import Refinement, sample_offsets
+from fit_material.renderer.scene.scene_file import read_scene
+from fit_material.renderer.viewer.compare import (
+    DIFFERENCE_RANGE,
+    GAP,
+    Area,
+    Photograph,
+    Photographs,
+    areas,
+    exposure_factor,
+)
+from fit_material.renderer.viewer.display import Display, draw_whole
+from fit_material.renderer.viewer.eye import Eye
+from fit_material.renderer.viewer.look import COMPARISONS, Look
+from fit_material.shaders.tone_mapping import CURVES, tone_mapped
 
 WIDTH, HEIGHT = 12, 8
 LOOK = Look(Eye((0.0, 0.0, 0.0), 5.0))

@@ -8,17 +8,17 @@ from dataclasses import replace
 import pytest
 import torch
 
-from fitter.condensed import condensed, solved
-from fitter.fidelity import PRESETS
-from fitter.noise import even_whitening
-from fitter.parameters import Interval, MetalCoordinates
-from fitter.polish import PolishedPixels, Tangent
-from fitter.residuals import ROBUST_AT, Residuals
-from fitter.setting import Setting
-from fitter.solve import SOLVERS, Solution
-from renderer.differentiable import Radiance
-from renderer.studio import studio
-from shaders.materials import Metal
+from fit_material.fitter.effects.interreflection import PolishedPixels, Tangent
+from fit_material.fitter.forward.lighting import Setting
+from fit_material.fitter.least_squares.noise import even_whitening
+from fit_material.fitter.least_squares.reduced_residuals import condensed, solved
+from fit_material.fitter.least_squares.residuals import ROBUST_AT, Residuals
+from fit_material.fitter.least_squares.solvers import SOLVERS, Solution
+from fit_material.fitter.materials.coordinates import Interval, MetalCoordinates
+from fit_material.fitter.options.fidelity import PRESETS
+from fit_material.renderer.path_tracing.differentiable_scene import Radiance
+from fit_material.renderer.synthesis.studio import studio
+from fit_material.shaders.materials.types import Metal
 from tests.test_search import gold, surface_of
 
 SPAN = (0.15, 0.4)

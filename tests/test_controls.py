@@ -10,11 +10,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from renderer.viewer.controls import _ACTIONS, _COMMANDS, BOOKMARK_KEYS, Command, Controls
-from renderer.viewer.eye import Eye
-from renderer.viewer.geometry import Bounds
-from renderer.viewer.help import help_text
-from renderer.viewer.look import Look
+from fit_material.renderer.opengl.geometry import Bounds
+from fit_material.renderer.viewer.controls import _ACTIONS, _COMMANDS, BOOKMARK_KEYS, Command, Controls
+from fit_material.renderer.viewer.eye import Eye
+from fit_material.renderer.viewer.help import help_text
+from fit_material.renderer.viewer.look import Look
 
 BOUNDS = Bounds(np.zeros(3), 2.0)
 START = Look(Eye((0.0, 0.0, 0.0), 8.0, yaw=0.4, pitch=-0.3))

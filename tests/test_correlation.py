@@ -7,14 +7,14 @@ import math
 import pytest
 import torch
 
-from fitter.correlation import correlation
-from fitter.fidelity import PRESETS, preset
-from fitter.search import fit_material
-from fitter.summary import fitted_material
-from fitter.uncertainty import spread
-from fitter.viewer_roughness import ViewerRoughness
-from renderer.studio import studio
-from shaders.materials import Glossy
+from fit_material.fitter.estimation.coarse_to_fine import fit_material
+from fit_material.fitter.estimation.viewer_roughness import ViewerRoughness
+from fit_material.fitter.fitted.summary import fitted_material
+from fit_material.fitter.least_squares.covariance import spread
+from fit_material.fitter.options.fidelity import PRESETS, preset
+from fit_material.fitter.uncertainty.correlation import correlation
+from fit_material.renderer.synthesis.studio import studio
+from fit_material.shaders.materials.types import Glossy
 from tests.test_search import float64, gold, problem_of, surface_of
 
 DRAWS = 20_000

@@ -8,9 +8,9 @@ import torch
 from hypothesis import given
 from hypothesis import strategies as st
 
-from renderer import cubemap, latlong
-from renderer.cubemap import FACES, Cubemap
-from renderer.environment import Environment, directions
+from fit_material.renderer.environment import cubemap, latlong
+from fit_material.renderer.environment.cubemap import FACES, Cubemap
+from fit_material.renderer.environment.environment import Environment, directions
 
 # [OpenGL 4.6 core, table 8.19]: major axis, s_c, t_c, m_a as signed axes
 SPECIFICATION = {

@@ -8,8 +8,8 @@ import torch
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fitter.derivative import jacobian, jacobians
-from shaders import fresnel
+from fit_material.fitter.least_squares.jacobian import jacobian, jacobians
+from fit_material.shaders.optics import fresnel
 
 numbers = st.lists(st.floats(0.05, 20), min_size=6, max_size=6)
 
@@ -52,7 +52,7 @@ def test_one_infinite_slope_stays_in_its_own_row():
 
 def test_a_fit_does_not_wait_for_torchs_compiler():
     code = (
-        "import sys, torch; from fitter.derivative import jacobian, jacobians;"
+        "import sys, torch; from fit_material.fitter.least_squares.jacobian import jacobian, jacobians;"
         "jacobian(torch.sin, torch.ones(3)); jacobians(torch.sin, torch.ones(2, 3));"
         "assert 'torch._dynamo' not in sys.modules"
     )

@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.special import sph_harm_y
 
-from shaders import diffuse
+from fit_material.shaders.optics import diffuse
 
 EPS64 = 2.0**-52
 

@@ -10,15 +10,16 @@ from importlib.metadata import version
 
 import pytest
 
-from fitter import doctor, doctor_command
-from fitter.doctor import Check
-from renderer import dr_jit, llvm
-from renderer.errors import InputError
+from fit_material.fitter.commands import doctor as doctor_command
+from fit_material.fitter.selftest import machine
+from fit_material.fitter.selftest.machine import Check
+from fit_material.renderer.backends import dr_jit, llvm
+from fit_material.renderer.errors.input_error import InputError
 
 
 def run(*arguments: str, **environment: str) -> subprocess.CompletedProcess[str]:
     undecided = {name: value for name, value in os.environ.items() if name not in (llvm.LIBRARY, llvm.SWITCH)}
-    command = [sys.executable, "-m", "fitter.cli", "doctor", *arguments]
+    command = [sys.executable, "-m", "fit_material", "doctor", *arguments]
     return subprocess.run(command, env=undecided | environment, capture_output=True, text=True, check=False)
 
 
@@ -52,7 +53,7 @@ def test_doing_without_llvm_is_no_illness():
 
 
 def printed(monkeypatch, capsys, *found: Check, as_json: bool = False) -> tuple[int, str]:
-    monkeypatch.setattr(doctor, "checks", lambda: iter(found))
+    monkeypatch.setattr(machine, "checks", lambda: iter(found))
     with pytest.raises(doctor_command.typer.Exit) as ended:
         doctor_command.doctor(as_json)
     return ended.value.exit_code, capsys.readouterr().out
@@ -69,9 +70,9 @@ def test_only_what_is_needed_makes_the_exit_code_1(monkeypatch, capsys):
 
 
 def test_a_library_that_crashes_is_found_and_does_not_end_the_doctor():
-    check = doctor.imported("a", "import os; os.abort()")
+    check = machine.imported("a", "import os; os.abort()")
     assert (check.ok, check.remedy) == (False, "make install")
-    check = doctor.imported("b", "import no_such_module")
+    check = machine.imported("b", "import no_such_module")
     assert check.found == "ModuleNotFoundError: No module named 'no_such_module'"
 
 
@@ -80,12 +81,12 @@ def test_a_missing_system_library_is_answered_with_the_line_to_type(monkeypatch)
         raise InputError("libatomic.so.1", expected="it")
 
     monkeypatch.setattr(dr_jit, "require_system_library", absent)
-    assert doctor.system_library() == Check("libatomic", False, "not found", "sudo apt-get install libatomic1")
+    assert machine.system_library() == Check("libatomic", False, "not found", "sudo apt-get install libatomic1")
 
 
 def test_versions_other_than_the_required_ones_are_found(monkeypatch):
-    monkeypatch.setattr(doctor, "requires", lambda name: ["numpy>=99", "nothing-of-that-name", "torch; extra == 'x'"])
-    check = doctor.packages()
+    monkeypatch.setattr(machine, "requires", lambda name: ["numpy>=99", "nothing-of-that-name", "torch; extra == 'x'"])
+    check = machine.packages()
     assert (check.ok, check.found) == (False, "not as required: numpy>=99, nothing-of-that-name")
 
 
@@ -93,24 +94,24 @@ def test_a_system_without_an_llvm_is_told_the_package(monkeypatch):
     monkeypatch.delenv(llvm.SWITCH, raising=False)
     monkeypatch.delenv(llvm.LIBRARY, raising=False)
     monkeypatch.setattr(llvm, "candidates", list)
-    check = doctor.compiler()
+    check = machine.compiler()
     assert (check.ok, check.found, check.needed) == (False, "no library of LLVM", False)
     assert check.remedy == "sudo apt-get install libllvm19"
 
 
 def test_full_disks_and_memory_are_found(monkeypatch):
-    monkeypatch.setattr(doctor, "DISK", 1 << 62)
-    monkeypatch.setattr(doctor, "MEMORY", 1 << 62)
-    assert not doctor.disk().ok
-    assert not doctor.memory().ok
+    monkeypatch.setattr(machine, "DISK", 1 << 62)
+    monkeypatch.setattr(machine, "MEMORY", 1 << 62)
+    assert not machine.disk().ok
+    assert not machine.memory().ok
 
 
 def test_a_folder_that_is_gone_is_found(monkeypatch):
     def gone() -> str:
         raise FileNotFoundError(2, "No such file or directory")
 
-    monkeypatch.setattr(doctor.os, "getcwd", gone)
-    check = doctor.disk()
+    monkeypatch.setattr(machine.os, "getcwd", gone)
+    check = machine.disk()
     assert (check.ok, check.found) == (False, "[Errno 2] No such file or directory")
 
 
@@ -123,4 +124,4 @@ def test_without_the_system_library_no_compiler_is_tried(monkeypatch):
     monkeypatch.delenv(llvm.SWITCH, raising=False)
     monkeypatch.setattr(dr_jit, "require_system_library", absent)
     monkeypatch.setattr(llvm, "verdict_on", lambda library: pytest.fail(f"{library} was tried"))
-    assert doctor.compiler().remedy == dr_jit.REMEDY
+    assert machine.compiler().remedy == dr_jit.REMEDY

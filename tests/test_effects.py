@@ -8,9 +8,9 @@ from importlib import resources
 
 import pytest
 
-from renderer.plan import planned
-from renderer.plan_rules import NOT_WITH, NOT_WITHOUT, Facts
-from shaders.effects import BY_NAME, EFFECTS, Effect
+from fit_material.fitter.effects.plan import planned
+from fit_material.fitter.effects.plan_rules import NOT_WITH, NOT_WITHOUT, Facts
+from fit_material.shaders.effects import BY_NAME, EFFECTS, Effect
 
 CONTRACT = """
 reflection blur horizon light-reflection diffuse-irradiance energy-guard normal-map color-map ambient-occlusion
@@ -32,7 +32,11 @@ def test_an_effects_torch_code_is_there(effect: Effect):
 
 @each
 def test_an_effects_glsl_code_is_there_under_its_definition(effect: Effect):
-    texts = {file.name: file.read_text("utf-8") for file in resources.files("shaders.glsl").iterdir() if file.is_file()}
+    texts = {
+        file.name: file.read_text("utf-8")
+        for file in resources.files("fit_material.shaders.glsl").iterdir()
+        if file.is_file()
+    }
     if effect.glsl is not None:
         file, name = effect.glsl.split(": ")
         assert re.search(rf"^\w+ {name}\(", texts[file], re.MULTILINE)

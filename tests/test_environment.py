@@ -8,10 +8,11 @@ import torch
 from hypothesis import given
 from hypothesis import strategies as st
 
-from renderer.cubemap import FACES, face_directions
-from renderer.environment import Environment, directions, read_environment
-from renderer.errors import InputError
-from renderer.images import write_exr
+from fit_material.renderer.environment.cubemap import FACES, face_directions
+from fit_material.renderer.environment.environment import Environment, directions
+from fit_material.renderer.environment.environment_file import read_environment
+from fit_material.renderer.errors.input_error import InputError
+from fit_material.renderer.images.image_file import write_exr
 
 RNG = np.random.default_rng(11)
 

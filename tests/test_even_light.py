@@ -17,14 +17,15 @@ import numpy as np
 import pytest
 import torch
 
-from fitter.fidelity import PRESETS
-from fitter.fit_options import FitOptions
-from fitter.loading import load
-from fitter.parts import FittedPart, fit_parts
-from fitter.pipeline import setting_of
-from renderer import transport
-from renderer.transport import LightTable
-from shaders.materials import Glossy, Metal
+from fit_material.fitter.fitted.part import FittedPart
+from fit_material.fitter.forward.lighting import setting_of
+from fit_material.fitter.observations.scene_data import load
+from fit_material.fitter.options.fidelity import PRESETS
+from fit_material.fitter.options.fit_options import FitOptions
+from fit_material.fitter.pipeline.fit_materials import fit_parts
+from fit_material.renderer.light_tables import light_table
+from fit_material.renderer.light_tables.light_table import LightTable
+from fit_material.shaders.materials.types import Glossy, Metal
 from tests.modelled import Modelled, written
 from tests.soft_scene import soft_light
 
@@ -96,7 +97,7 @@ def test_nor_by_the_viewers_taps_whose_halves_agree(tmp_path, contrast):
 
 @pytest.mark.slow  # one more such fit
 def test_what_another_kernel_adds_up_is_no_roughness(tmp_path, monkeypatch):
-    monkeypatch.setattr(transport, "fused_available", lambda: False)
+    monkeypatch.setattr(light_table, "fused_available", lambda: False)
     assert_roughness_is_open(fitted(scene(tmp_path, "metal", 0.02), "metal"), 0.02)
 
 
@@ -105,9 +106,9 @@ def test_what_another_kernel_adds_up_is_no_roughness(tmp_path, monkeypatch):
 @pytest.mark.parametrize("alpha", [0.006, 0.02, 0.03])
 @pytest.mark.parametrize("kind", ["metal", "glossy"])
 def test_no_small_roughness_is_determined_by_other_seeds_and_roundings(tmp_path, kind, alpha, seed, monkeypatch):
-    path, made = scene(tmp_path, kind, alpha, seed=seed), transport.microfacet_table
+    path, made = scene(tmp_path, kind, alpha, seed=seed), light_table.microfacet_table
     assert_roughness_is_open(fitted(path, kind, seed=seed), alpha)
-    monkeypatch.setattr(transport, "microfacet_table", lambda *a, **b: rounded_otherwise(made(*a, **b)))
+    monkeypatch.setattr(light_table, "microfacet_table", lambda *a, **b: rounded_otherwise(made(*a, **b)))
     assert_roughness_is_open(fitted(path, kind, seed=seed), alpha)
 
 

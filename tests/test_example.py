@@ -13,9 +13,9 @@ import numpy as np
 import pytest
 from test_result import gold, result
 
-from fitter.fidelity import PRESETS
-from fitter.result import FittedMaterial
-from renderer.mtl import read_mtl
+from fit_material.fitter.options.fidelity import PRESETS
+from fit_material.fitter.result.schema import FittedMaterial
+from fit_material.renderer.materials.mtl_reader import read_mtl
 
 EXAMPLES = Path(__file__).parents[1] / "examples"
 QUICK = replace(PRESETS["preview"], samples=64, search_samples=32, pixels=300, footprint=1, search_levels=8, levels=3)

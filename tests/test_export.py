@@ -1,9 +1,9 @@
 import pytest
 from test_result import gold, result
 
-from fitter.export import export
-from fitter.mtl import ordinary_mtl, thesis_mtl
-from renderer.errors import InputError
+from fit_material.fitter.export.formats import export
+from fit_material.fitter.export.mtl import ordinary_mtl, thesis_mtl
+from fit_material.renderer.errors.input_error import InputError
 
 
 def test_each_format_is_its_own_file(tmp_path):

@@ -19,12 +19,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from test_result import gold
 
-from fitter.blender import blender
-from fitter.exported import identifiers
-from fitter.gltf import gltf
-from fitter.materialx import materialx
-from fitter.mitsuba_xml import mitsuba_xml
-from fitter.result import Determined, FittedMaterial, StandardErrors
+from fit_material.fitter.export.blender import blender
+from fit_material.fitter.export.gltf import gltf
+from fit_material.fitter.export.materialx import materialx
+from fit_material.fitter.export.mitsuba_xml import mitsuba_xml
+from fit_material.fitter.export.values import identifiers
+from fit_material.fitter.result.schema import Determined, FittedMaterial, StandardErrors
 
 WRITERS = [gltf, materialx, mitsuba_xml, blender]
 FLOAT32 = 2.0**-22  # relative: of a float32, after one rounding of a product or root

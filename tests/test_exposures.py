@@ -14,13 +14,13 @@ from PIL import ImageOps
 from PIL.TiffImagePlugin import IFDRational
 from test_raw import mosaic, write_dng
 
-from fitter.photographs import read_photograph
-from renderer.checked import check
-from renderer.errors import InputError
-from renderer.exif import read_exif, relative_exposure
-from renderer.exposures import expose
-from renderer.images import read_image, write_exr
-from renderer.scene import PhotographSpec
+from fit_material.fitter.observations.photograph import read_photograph
+from fit_material.renderer.errors.input_error import InputError
+from fit_material.renderer.files.validation import check
+from fit_material.renderer.images.exif import read_exif, relative_exposure
+from fit_material.renderer.images.image_file import read_image, write_exr
+from fit_material.renderer.photographs.exposure import expose
+from fit_material.renderer.scene.scene_file import PhotographSpec
 from tests.srgb_curve import encoded
 
 CAMERA = {"origin": [0, 0, 4], "target": [0, 0, 0]}
@@ -239,8 +239,8 @@ def test_exposures_of_unlike_size(tmp_path):
 @pytest.mark.slow
 def test_a_metal_by_three_jpeg_exposures(gold_photographs, tmp_path):
     """Path-traced gold as a camera would have it: 8 bits, sRGB, shot noise of 1 % at white, the brightest clipped."""
-    from fitter.fidelity import PRESETS
-    from fitter.pipeline import FitOptions, fit_scene
+    from fit_material.fitter.options.fidelity import PRESETS
+    from fit_material.fitter.pipeline.fit_scene import FitOptions, fit_scene
 
     folder = tmp_path / "scene"
     shutil.copytree(gold_photographs, folder)

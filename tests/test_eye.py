@@ -10,9 +10,9 @@ import torch
 from hypothesis import given
 from hypothesis import strategies as st
 
-from renderer.camera import Camera, look_at
-from renderer.viewer.eye import Eye, eye_of, frame, look_round, orbit, pan, walk, zoom
-from renderer.viewer.geometry import Bounds
+from fit_material.renderer.cameras.camera import Camera, look_at
+from fit_material.renderer.opengl.geometry import Bounds
+from fit_material.renderer.viewer.eye import Eye, eye_of, frame, look_round, orbit, pan, walk, zoom
 
 BOUNDS = Bounds(np.array([0.5, -1.0, 2.0]), 1.5)
 

@@ -6,8 +6,8 @@ from dataclasses import asdict
 
 import pytest
 
-from fitter.fidelity import PRESETS, fidelity_of
-from renderer.errors import InputError
+from fit_material.fitter.options.fidelity import PRESETS, fidelity_of
+from fit_material.renderer.errors.input_error import InputError
 
 
 def changed(name: str, **choices) -> set[str]:

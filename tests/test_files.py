@@ -11,13 +11,13 @@ from pathlib import Path
 
 import pytest
 
-from renderer import memory
-from renderer.errors import InputError
-from renderer.files import read_text
-from renderer.images import read_image
-from renderer.mesh import FORMATS, read_mesh
-from renderer.mtl import read_mtl
-from renderer.scene import read_scene
+from fit_material.renderer.compute import memory
+from fit_material.renderer.errors.input_error import InputError
+from fit_material.renderer.files.regular_files import read_text
+from fit_material.renderer.geometry.mesh import FORMATS, read_mesh
+from fit_material.renderer.images.image_file import read_image
+from fit_material.renderer.materials.mtl_reader import read_mtl
+from fit_material.renderer.scene.scene_file import read_scene
 from tests.special_files import KEYS
 from tests.test_imports import FILES
 
@@ -63,14 +63,14 @@ def test_a_file_that_memory_does_not_hold_is_not_read(name, read, tmp_path):
 
 
 UNGATED = {
-    "renderer.files": "the gate itself",
-    "renderer.llvm": "the proof beside it, /proc/cpuinfo, and its own cache",
-    "renderer.memory": "/proc and /sys",
-    "fitter.batch.fits_log": "of a regular file 64 KiB at most",
-    "renderer.unfinished": "/proc and /etc/machine-id",
-    "renderer.viewer.programs": "shaders of this package",
-    "fitter.code_digest": "modules of this package",
-    "renderer.digests": "a regular file in pieces",
+    "fit_material.renderer.files.regular_files": "the gate itself",
+    "fit_material.renderer.backends.llvm": "the proof beside it, /proc/cpuinfo, and its own cache",
+    "fit_material.renderer.compute.memory": "/proc and /sys",
+    "fit_material.fitter.batch.fits_log": "of a regular file 64 KiB at most",
+    "fit_material.renderer.files.unfinished": "/proc and /etc/machine-id",
+    "fit_material.renderer.opengl.programs": "shaders of this package",
+    "fit_material.fitter.result.provenance": "modules of this package",
+    "fit_material.renderer.files.digests": "a regular file in pieces",
 }
 
 
@@ -112,7 +112,7 @@ def test_the_memory_that_is_free_is_no_more_than_a_limit_leaves():
     """By a process that has such a limit."""
     code = (
         "import resource; resource.setrlimit(resource.RLIMIT_AS, (10**9, 10**9));"
-        "from renderer.memory import available_memory; print(available_memory())"
+        "from fit_material.renderer.compute.memory import available_memory; print(available_memory())"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert 0 < int(done.stdout) < 10**9

@@ -7,10 +7,10 @@ import pytest
 import torch
 import trimesh
 
-from renderer import gbuffer
-from renderer.camera import Camera, look_at
-from renderer.footprint import FEW, STRATA, Places, filled, is_smooth, rays_of, strata_of
-from renderer.mesh import Mesh, Sphere
+from fit_material.renderer.cameras.camera import Camera, look_at
+from fit_material.renderer.geometry.mesh import Mesh, Sphere
+from fit_material.renderer.rays import gbuffer
+from fit_material.renderer.rays.pixel_footprint import FEW, STRATA, Places, filled, is_smooth, rays_of, strata_of
 
 POSE = look_at(*(torch.tensor(v, dtype=torch.float64) for v in ((1.0, 0.5, 4.0), (0.0, 0.0, 0.0), (0.0, 1.0, 0.0))))
 CAMERA = Camera(POSE, 48, 48)

@@ -8,9 +8,9 @@ import torch
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from fitter.catalogue import read_catalogue
-from renderer.to_mitsuba import mitsuba
-from shaders import fresnel
+from fit_material.renderer.materials.catalogue import read_catalogue
+from fit_material.renderer.mitsuba.conversion import mitsuba
+from fit_material.shaders.optics import fresnel
 
 COSINES = [0.0, 1e-8, 1e-3, 0.1, 0.5, 0.8, 0.999, 1.0]
 EPS32, EPS64 = 2.0**-23, 2.0**-52

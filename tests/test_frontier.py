@@ -17,16 +17,16 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fitter import frontier_runs
-from fitter.frontier import ERRORS, STAGES, frontier_of, knee, spread
-from fitter.frontier_errors import Reference, consensus, errors, require_of_scene, truth_beside
-from fitter.frontier_page import render_frontier
-from fitter.frontier_plot import frontier_png, plain_ticks
-from fitter.frontier_rungs import CHOICES, LADDER, Rung, named
-from fitter.frontier_runs import Experiment, Run, measured
-from fitter.frontier_table import csv_text, json_text, terminal_table
-from fitter.result import FittedMaterial, InputFile, Time
-from renderer.errors import InputError
+from fit_material.fitter.frontier import runs as frontier_runs
+from fit_material.fitter.frontier.errors import Reference, consensus, errors, require_of_scene, truth_beside
+from fit_material.fitter.frontier.page import render_frontier
+from fit_material.fitter.frontier.pareto import ERRORS, STAGES, frontier_of, knee, spread
+from fit_material.fitter.frontier.plot import frontier_png, plain_ticks
+from fit_material.fitter.frontier.rungs import CHOICES, LADDER, Rung, named
+from fit_material.fitter.frontier.runs import Experiment, Run, measured
+from fit_material.fitter.frontier.table import csv_text, json_text, terminal_table
+from fit_material.fitter.result.schema import FittedMaterial, InputFile, Time
+from fit_material.renderer.errors.input_error import InputError
 
 GOLD: dict[str, Any] = {"n": (0.2, 0.4, 1.6), "k": (3.2, 2.4, 1.9), "f0": (0.93, 0.75, 0.4), "alpha": 0.2}
 TRUTH = (Reference(name="default", type="metal", **GOLD),)
@@ -308,7 +308,7 @@ def test_every_rung_is_a_command_line_that_fit_takes(rung):
     import typer.main
     from typer.core import TyperGroup
 
-    from fitter.cli import app
+    from fit_material.fitter.commands.app import app
 
     group = typer.main.get_command(app)
     assert isinstance(group, TyperGroup)

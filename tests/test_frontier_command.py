@@ -16,14 +16,15 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
-from fitter import cli, frontier_files
-from fitter.catalogue import metal
-from fitter.frontier_runs import Run
-from fitter.result import Time
-from renderer.synth import SynthOptions, synthesise
-from renderer.truth import TrueMetal
+from fit_material.fitter.commands import app
+from fit_material.fitter.frontier import compare
+from fit_material.fitter.frontier.runs import Run
+from fit_material.fitter.result.schema import Time
+from fit_material.renderer.materials.catalogue import metal
+from fit_material.renderer.materials.ground_truth import TrueMetal
+from fit_material.renderer.synthesis.synthesise import SynthOptions, synthesise
 
-COMMAND = [sys.executable, "-m", "fitter.cli", "frontier"]
+COMMAND = [sys.executable, "-m", "fit_material", "frontier"]
 ENVIRONMENT = {**os.environ, "OMP_NUM_THREADS": "1"}
 CSV_AND_SO_ON = ("csv", "json", "png", "html")
 RUNGS = ("--rungs", "viewer,preview-128-1500", "--type", "metal", "--repeats", "1")
@@ -139,8 +140,8 @@ def test_fewer_than_two_fits_are_no_comparison(scene, tmp_path, monkeypatch, end
             for i, rung in enumerate(rungs)
         ]
 
-    monkeypatch.setattr(frontier_files, "all_runs", died)
-    done = CliRunner().invoke(cli.app, ["frontier", str(scene), "-o", str(tmp_path), *RUNGS])
+    monkeypatch.setattr(compare, "all_runs", died)
+    done = CliRunner().invoke(app.app, ["frontier", str(scene), "-o", str(tmp_path), *RUNGS])
     assert done.exit_code == code, done.output
     assert done.output.count("failed: LLVM ERROR: Cannot select") == 2 - ended
 

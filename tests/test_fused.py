@@ -11,12 +11,14 @@ import torch
 from hypothesis import given
 from hypothesis import strategies as st
 
-from renderer import fused_table, lamps, latlong, transport
-from renderer.environment import Environment
-from renderer.fused_table import fused_available
-from renderer.lobe_sampling import frames
-from renderer.packed_rays import packed_frames
-from shaders import lobe
+from fit_material.renderer.environment import latlong
+from fit_material.renderer.environment.environment import Environment
+from fit_material.renderer.light_kernel import table as fused_table
+from fit_material.renderer.light_kernel.packed_rays import packed_frames
+from fit_material.renderer.light_kernel.table import fused_available
+from fit_material.renderer.light_sampling import environment_sampling
+from fit_material.renderer.light_tables import light_table
+from fit_material.renderer.rays.local_frame import frames
 from tests.quadrature import albedo
 from tests.test_lamps import cells, night, shares
 from tests.test_transport import DISTRIBUTIONS, ball, facing, lit_room, shaded, white
@@ -26,7 +28,7 @@ needs_llvm = pytest.mark.skipif(not fused_available(), reason="LLVM's library is
 
 def table(surface, environment, alphas, distribution="ggx", **options):
     options = {"degree": 4, "samples": 256, "seed": 1, "fused": True} | options
-    return transport.microfacet_table(surface, environment, alphas, distribution=distribution, **options)
+    return light_table.microfacet_table(surface, environment, alphas, distribution=distribution, **options)
 
 
 def directions(count: int) -> torch.Tensor:
@@ -42,13 +44,15 @@ def directions(count: int) -> torch.Tensor:
 def test_lookups_are_torchs(height, rotation):
     from drjit.llvm import Float
 
-    from renderer.fused_light import fused_light
+    from fit_material.renderer.light_kernel.environment import fused_light
 
     radiance = torch.rand(height, 32, 3, generator=torch.Generator().manual_seed(2))
     environment, towards = Environment(radiance, rotation), directions(4000)
     looked = fused_light(environment).at(*(Float(axis.numpy()) for axis in towards.T.contiguous()))
     found = torch.from_numpy(np.stack([channel.numpy() for channel in (*looked.radiance, looked.density)], -1))
-    expected = latlong.lookup(latlong.of(environment, lamps.sampling_density(environment)), *towards.unbind(-1))
+    expected = latlong.lookup(
+        latlong.of(environment, environment_sampling.sampling_density(environment)), *towards.unbind(-1)
+    )
     # Dr.Jit's arctangent errs by 1e-6, arccosines near the poles and a rotation in float32 by as much: of 32 texels
     # to a turn these are 1e-5, between texels that differ by 1 at most
     torch.testing.assert_close(found, expected, atol=2e-5, rtol=0)
@@ -58,7 +62,7 @@ def drawn(environment: Environment, count: int) -> tuple[np.ndarray, np.ndarray]
     """Directions and densities for `count` strata of the light."""
     from drjit.llvm import Float, UInt32
 
-    from renderer.fused_light import fused_light
+    from fit_material.renderer.light_kernel.environment import fused_light
 
     generator = np.random.default_rng(4)
     share = ((np.arange(count) + generator.random(count)) * (2.0**32 / count)).astype(np.uint32)
@@ -78,7 +82,7 @@ def test_directions_fall_with_the_light():
     # directions are rounded into the neighbouring cell
     assert np.abs(observed - expected).max() < 2 + 3e-4 * count
     assert (np.abs(observed - expected) < 2 + 1e-3 * expected).mean() > 0.95
-    told = lamps.sampling_density(environment).flatten().numpy()[cell]
+    told = environment_sampling.sampling_density(environment).flatten().numpy()[cell]
     # fixed point: a texel's share of 2³², at least 1e-5 here, is rounded by 1
     assert (np.abs(density / told - 1) < 1e-4).mean() > 0.999
 
@@ -105,16 +109,16 @@ def test_directions_are_even_within_a_texel():
     st.floats(1e-3, 1), st.floats(0, 1), st.floats(0, 1), st.floats(0, 1.4), st.sampled_from(DISTRIBUTIONS)
 )  # fmt: skip
 def test_lobes_are_those_of_float64(alpha, u1, u2, angle, distribution):
-    """The kernel in float32 against `shaders.lobe` in float64, of normals that the kernel draws."""
+    """The kernel in float32 against `shaders.optics.blur` in float64, of normals that the kernel draws."""
     from drjit.llvm import Float
 
-    from renderer import fused_lobe
+    from fit_material.renderer.light_kernel import microfacets
 
-    view = fused_lobe.View(Float(math.sin(angle)), Float(math.cos(angle)))
+    view = microfacets.View(Float(math.sin(angle)), Float(math.cos(angle)))
     polar = Float(math.sqrt(u1)), Float(math.sin(2 * math.pi * u2)), Float(math.cos(2 * math.pi * u2))
-    h = fused_lobe.sample_visible_normals(view, Float(alpha), *polar)
+    h = microfacets.sample_visible_normals(view, Float(alpha), *polar)
     cos_v, u1, u2 = (torch.tensor(number, dtype=torch.float64) for number in (math.cos(angle), u1, u2))
-    expected = lobe.sample_visible_normals(cos_v, alpha, u1, u2)
+    expected = microfacets.sample_visible_normals(cos_v, alpha, u1, u2)
     exact = [float(axis[0]) for axis in (h.x, h.y, h.z)]
     # √u1 and 1 - t² in float32 leave 1e-3 of the disc's radius at its rim, times α on the way to the normal
     np.testing.assert_allclose(exact, [axis.item() for axis in expected], atol=2e-3 * alpha + 1e-6)
@@ -124,10 +128,10 @@ def test_lobes_are_those_of_float64(alpha, u1, u2, angle, distribution):
     if cos_l < 1e-3 or cos_h < 1e-3:
         return
     cos_h, cos_l = (torch.tensor(cosine, dtype=torch.float64) for cosine in (cos_h, cos_l))
-    density = lobe.visible_normal_density(cos_v, cos_h, alpha).item()
-    assert fused_lobe.visible_normal_density(view, h, Float(alpha))[0] == pytest.approx(density, rel=1e-4)
-    value = lobe.reflected(cos_v, cos_l, cos_h, alpha, distribution).item()
-    told = fused_lobe.reflected(view, Float(cos_l.item()), h, Float(alpha), distribution)[0]
+    density = microfacets.visible_normal_density(cos_v, cos_h, alpha).item()
+    assert microfacets.visible_normal_density(view, h, Float(alpha))[0] == pytest.approx(density, rel=1e-4)
+    value = microfacets.reflected(cos_v, cos_l, cos_h, alpha, distribution).item()
+    told = microfacets.reflected(view, Float(cos_l.item()), h, Float(alpha), distribution)[0]
     # tan²/α² of Beckmann's exponent is below 100 wherever D is above 1e-43 of its peak: 100 ulps
     assert told == pytest.approx(value, rel=1e-4, abs=1e-30)
 
@@ -136,7 +140,7 @@ def test_lobes_are_those_of_float64(alpha, u1, u2, angle, distribution):
 def test_the_poles_show_one_of_their_texels():
     from drjit.llvm import Float
 
-    from renderer.fused_light import fused_light
+    from fit_material.renderer.light_kernel.environment import fused_light
 
     room = lit_room()
     looked = fused_light(room).at(Float(0, 0), Float(1, -1), Float(0, 0))

@@ -8,12 +8,12 @@ import pytest
 import torch
 import trimesh
 
-from renderer import gbuffer
-from renderer.camera import Camera, look_at
-from renderer.errors import InputError
-from renderer.gbuffer import concatenate, pixel_centres, pixel_footprints, tracer
-from renderer.mesh import Mesh, Sphere
-from renderer.to_mitsuba import mitsuba, mitsuba_shape
+from fit_material.renderer.cameras.camera import Camera, look_at
+from fit_material.renderer.errors.input_error import InputError
+from fit_material.renderer.geometry.mesh import Mesh, Sphere
+from fit_material.renderer.mitsuba.conversion import mitsuba, mitsuba_shape
+from fit_material.renderer.rays import gbuffer
+from fit_material.renderer.rays.gbuffer import concatenate, pixel_centres, pixel_footprints, tracer
 
 pytestmark = pytest.mark.dr_jit
 
@@ -277,7 +277,7 @@ def test_rays_one_by_one_meet_what_all_at_once_meet(monkeypatch):
             raise InputError("--variant", value=variant, expected="LLVM")
         return mitsuba(variant)
 
-    monkeypatch.setattr("renderer.to_mitsuba.mitsuba", without_llvm)
+    monkeypatch.setattr("fit_material.renderer.mitsuba.conversion.mitsuba", without_llvm)
     one_by_one = pixel_centres(tracer(mesh), view)
     assert calls == ["llvm_ad_rgb", "scalar_rgb"]
     for field in dataclasses.fields(at_once):

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 import trimesh
 
-from renderer.errors import InputError
-from renderer.mesh import read_mesh
+from fit_material.renderer.errors.input_error import InputError
+from fit_material.renderer.geometry.mesh import read_mesh
 
 CORNERS = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0]], "<f4")
 

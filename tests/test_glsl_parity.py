@@ -19,15 +19,15 @@ import torch
 from jaxtyping import Float
 from parity import Case, assert_same_picture
 
-from renderer.cubemap import Cubemap, lookup
-from renderer.shading import render as torch_render
-from renderer.studio import studio
-from renderer.surroundings import Surroundings, surroundings
-from renderer.viewer import offscreen
-from renderer.viewer.programs import programs
-from renderer.viewer.uploads import cubemap_texture
-from shaders import diffuse, fresnel, lobe
-from shaders.normal_map import perturbed
+from fit_material.renderer.environment.cubemap import Cubemap, lookup
+from fit_material.renderer.opengl import offscreen
+from fit_material.renderer.opengl.programs import programs
+from fit_material.renderer.opengl.uploads import cubemap_texture
+from fit_material.renderer.synthesis.studio import studio
+from fit_material.renderer.viewer_model.shading import render as torch_render
+from fit_material.renderer.viewer_model.viewer_light import Surroundings, surroundings
+from fit_material.shaders.normal_map import perturbed
+from fit_material.shaders.optics import blur, diffuse, fresnel
 
 COUNT = 4096
 EPS = 2.0**-23
@@ -153,7 +153,7 @@ def test_energy_guard_over_its_whole_domain(gl):
 def test_tap_weights(gl):
     i = torch.arange(COUNT, dtype=torch.float64)[:, None] % 7
     weights = evaluated(gl, "TAP_WEIGHTS[int(i)], 0, 0, 1", i=i)[:7, 0]
-    np.testing.assert_allclose(weights, lobe.tap_weights(), rtol=EPS)
+    np.testing.assert_allclose(weights, blur.tap_weights(), rtol=EPS)
 
 
 def test_the_axis_of_the_blur_near_the_poles(gl):
@@ -161,7 +161,7 @@ def test_the_axis_of_the_blur_near_the_poles(gl):
     r = unit_vectors()
     r[:2] = torch.tensor([[1e-13, 1.0, 0.0], [0.0, -1.0, 2e-12]], dtype=torch.float64)
     axis = evaluated(gl, "horizontal_axis(r), 1", r=r)[:, :3]
-    np.testing.assert_allclose(axis, lobe.tap_axes(r)[0], atol=4 * EPS)
+    np.testing.assert_allclose(axis, blur.tap_axes(r)[0], atol=4 * EPS)
 
 
 def test_reflections_of_lights(gl):
@@ -169,7 +169,7 @@ def test_reflections_of_lights(gl):
     r, towards, rho = unit_vectors(), unit_vectors(1), uniform(1, 0.02, 2.0)
     drawn = evaluated(gl, "light_reflection(r, l, rho), 0, 0, 1", r=r, l=towards, rho=rho)[:, 0]
     expected = torch.stack(
-        [lobe.light_reflection(*each)[0] for each in zip(r[:512], towards[:512], rho[:512, 0], strict=True)]
+        [blur.light_reflection(*each)[0] for each in zip(r[:512], towards[:512], rho[:512, 0], strict=True)]
     )
     np.testing.assert_allclose(drawn[:512], expected, rtol=14**2 * 4 * EPS, atol=1e-30)
 
@@ -198,5 +198,5 @@ def test_the_blur(gl):
     r, rho = unit_vectors(), uniform(1, 0.0, 1.5)
     drawn = evaluated(gl, "blur(cube, r, rho), 1", cube, r=r, rho=rho)[:, :3]
     exact = Cubemap(cube.faces.double())
-    expected = lobe.blur(lambda directions: lookup(exact, directions), r, rho[:, 0])
+    expected = blur.blur(lambda directions: lookup(exact, directions), r, rho[:, 0])
     np.testing.assert_allclose(drawn, expected, atol=4 * size * EPS)

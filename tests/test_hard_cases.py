@@ -9,10 +9,10 @@ import pytest
 import torch
 from typer.testing import CliRunner
 
-from fitter import cli
-from fitter.hard_cases import claims, table
-from fitter.hard_cases.row import Formula, Numbers, Row
-from renderer.errors import InputError
+from fit_material.fitter.commands import app
+from fit_material.fitter.selftest import claims, table
+from fit_material.fitter.selftest.experiments.row import Formula, Numbers, Row
+from fit_material.renderer.errors.input_error import InputError
 
 CPU = torch.device("cpu")
 DOUBLE = Numbers(torch.float64)
@@ -108,7 +108,7 @@ def two_rows(monkeypatch) -> None:
 
 
 def test_selftest_tells_what_is_broken(two_rows):
-    found = CliRunner().invoke(cli.app, ["selftest"])
+    found = CliRunner().invoke(app.app, ["selftest"])
     assert found.exit_code == 1
     assert "bad, float64: near: is off by 2, expected at most 1" in found.output
     assert "1 of 2 runs of 2 rows hold" in found.output
@@ -116,7 +116,7 @@ def test_selftest_tells_what_is_broken(two_rows):
 
 
 def test_selftest_as_json(two_rows):
-    found = CliRunner().invoke(cli.app, ["selftest", "--json"])
+    found = CliRunner().invoke(app.app, ["selftest", "--json"])
     told = json.loads(found.stdout)
     assert found.exit_code == 1
     assert told["holds"] is False
@@ -126,4 +126,4 @@ def test_selftest_as_json(two_rows):
 
 def test_selftest_where_all_holds(monkeypatch, two_rows):
     monkeypatch.setattr(table, "TOPICS", {"lobe": table.TOPICS["lobe"]})
-    assert CliRunner().invoke(cli.app, ["selftest"]).exit_code == 0
+    assert CliRunner().invoke(app.app, ["selftest"]).exit_code == 0

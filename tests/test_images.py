@@ -12,8 +12,8 @@ import pytest
 import tifffile
 from PIL import Image as PillowImage
 
-from renderer.errors import InputError
-from renderer.images import read_image, write_exr
+from fit_material.renderer.errors.input_error import InputError
+from fit_material.renderer.images.image_file import read_image, write_exr
 from tests.srgb_curve import decoded
 
 
@@ -40,13 +40,16 @@ def write_png16(path, samples: np.ndarray) -> None:
 def test_an_exr_that_the_disk_does_not_hold_whole_is_not_there(size, number, tmp_path):
     """Of small ones OpenEXR itself reports nothing: their bytes reach the disk when the file is closed."""
     code = (
-        "import resource, numpy; from renderer.images import write_exr;"
+        "import resource, numpy; from fit_material.renderer.images.image_file import write_exr;"
         f"pixels = numpy.random.default_rng(0).random(({size}, {size}, 3), numpy.float32);"
         "resource.setrlimit(resource.RLIMIT_FSIZE, (300, 300)); write_exr('out.exr', pixels)"
     )
     done = subprocess.run([sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, check=False)
     expected = f"expected a folder that can be written ({os.strerror(number)})"
-    assert done.stderr.splitlines()[-1] == f"renderer.errors.InputError: out.exr: is ., {expected}"
+    assert (
+        done.stderr.splitlines()[-1]
+        == f"fit_material.renderer.errors.input_error.InputError: out.exr: is ., {expected}"
+    )
     assert list(tmp_path.iterdir()) == []
 
 

@@ -11,12 +11,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 from test_selection import photograph
 
-from fitter.information import VAGUE, Told, covariance, foreseen_noise, told_by
-from fitter.observer import COORDINATES
-from fitter.sampled_view import ANGLE_BINS, View, sampled_views
-from renderer import gbuffer
-from renderer.gbuffer import GBuffer
-from renderer.mesh import Sphere
+from fit_material.fitter.next_view.fisher_information import VAGUE, Told, covariance, foreseen_noise, told_by
+from fit_material.fitter.next_view.view_evaluation import COORDINATES
+from fit_material.fitter.observations.view_sampling import ANGLE_BINS, View, sampled_views
+from fit_material.renderer.geometry.mesh import Sphere
+from fit_material.renderer.rays import gbuffer
+from fit_material.renderer.rays.gbuffer import GBuffer
 
 MATTE, METAL = COORDINATES["matte"], COORDINATES["metal"]
 SEEDS = st.integers(0, 2**31)

@@ -12,11 +12,11 @@ import numpy as np
 import pytest
 import torch
 
-from fitter.fidelity import PRESETS
-from fitter.fit_options import FitOptions
-from fitter.pipeline import fit_scene
-from fitter.result import FittedMaterial, Result
-from shaders.materials import Matte, Metal
+from fit_material.fitter.options.fidelity import PRESETS
+from fit_material.fitter.options.fit_options import FitOptions
+from fit_material.fitter.pipeline.fit_scene import fit_scene
+from fit_material.fitter.result.schema import FittedMaterial, Result
+from fit_material.shaders.materials.types import Matte, Metal
 from tests.modelled import Modelled, written
 from tests.soft_scene import soft_light
 

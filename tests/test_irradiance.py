@@ -8,16 +8,21 @@ import numpy as np
 import pytest
 import torch
 
-from fitter.fidelity import preset
-from fitter.setting import MOST_DIFFUSE, Setting
-from renderer import chebyshev, irradiance, latlong, reflectance_basis, transport
-from renderer.environment import Environment, directions, read_environment
-from renderer.mesh import Sphere
-from renderer.studio import studio, sun_and_sky, texel_solid_angles
-from renderer.to_mitsuba import envmap, mitsuba, mitsuba_shape, sensor
-from shaders import fresnel, plastic
-from shaders.lobe import Distribution
-from shaders.materials import Matte
+from fit_material.fitter.forward.lighting import MOST_DIFFUSE, Setting
+from fit_material.fitter.options.fidelity import preset
+from fit_material.renderer.compute import chebyshev
+from fit_material.renderer.environment import latlong
+from fit_material.renderer.environment.environment import Environment, directions
+from fit_material.renderer.environment.environment_file import read_environment
+from fit_material.renderer.environment.latlong import texel_solid_angles
+from fit_material.renderer.geometry.mesh import Sphere
+from fit_material.renderer.light_sampling import fresnel_basis
+from fit_material.renderer.light_tables import irradiance_table, light_table
+from fit_material.renderer.mitsuba.conversion import envmap, mitsuba, mitsuba_shape, sensor
+from fit_material.renderer.synthesis.studio import studio, sun_and_sky
+from fit_material.shaders.materials.types import Matte
+from fit_material.shaders.optics import fresnel, rough_plastic
+from fit_material.shaders.optics.microfacets import Distribution
 from tests.test_transport import ball, lit_room, table_at
 
 MAPS = [
@@ -44,8 +49,8 @@ def all_round(count: int) -> torch.Tensor:
 
 def through(eta: float, alpha: float, distribution: Distribution = "ggx") -> torch.Tensor:
     """Coefficients of T."""
-    return irradiance.coefficients(
-        lambda cos: plastic.transmittance(cos, float64(eta), float64(alpha), distribution), float64(0)
+    return irradiance_table.coefficients(
+        lambda cos: rough_plastic.transmittance(cos, float64(eta), float64(alpha), distribution), float64(0)
     )
 
 
@@ -74,7 +79,7 @@ def check_blocks(environment: Environment) -> None:
     smaller, leave 1e-3 of it, with either sign. Measured on eight maps, 4000 normals: at most 1.4e-3 and 2e-4 rms.
     """
     normals = all_round(16)
-    ours, every = irradiance.diffuse_table(normals, environment).double(), by_texel(environment, normals, 10)
+    ours, every = irradiance_table.diffuse_table(normals, environment).double(), by_texel(environment, normals, 10)
     for coefficients in (float64([[1.0]]), through(1.5, 0.1)):
         degree = len(coefficients)
         found, expected = (torch.einsum("pbc,bd->pc", d[:, :degree], coefficients) for d in (ours, every))
@@ -100,7 +105,7 @@ def test_even_light(height):
     x, weight = np.polynomial.legendre.leggauss(16)
     w = float64((x + 1) / 2)
     expected = (chebyshev.polynomials(2 * w - 1, 10) * 4 * w**3 * float64(weight / 2)).sum(1)
-    found = irradiance.diffuse_table(all_round(30), environment)
+    found = irradiance_table.diffuse_table(all_round(30), environment)
     # blocks across the horizon see c T_b(2√c - 1) with a kink: some 1e-3 for the highest b, which no T has much of
     for channel, radiance in enumerate(environment.radiance[0, 0].tolist()):
         assert found[:, 0, channel].numpy() == pytest.approx(radiance, rel=5e-4)
@@ -120,7 +125,7 @@ def test_few_texels_are_bilinear_and_turn_with_the_map():
     radiance = latlong.lookup(latlong.of(environment), *towards.float().unbind(-1)).double()
     cos = (towards @ normals.T).clamp_min(0)
     expected = cos.T @ radiance * 4 / len(towards)
-    found = irradiance.diffuse_table(normals, environment, 1)[:, 0].double()
+    found = irradiance_table.diffuse_table(normals, environment, 1)[:, 0].double()
     torch.testing.assert_close(found, expected, rtol=1e-3, atol=0)  # blocks as above; the lookup is of float32
 
 
@@ -128,9 +133,9 @@ def test_few_texels_are_bilinear_and_turn_with_the_map():
 @pytest.mark.parametrize("eta", [1.1, 1.5, 2.5])
 def test_ten_polynomials_carry_the_transmittance(distribution, eta):
     root = torch.linspace(0, 1, 200, dtype=torch.float64)
-    cos, basis = root**2, irradiance.cosine_basis(root**2)
+    cos, basis = root**2, irradiance_table.cosine_basis(root**2)
     for alpha in (0.01, 0.05, 0.2, 1.0):
-        exact = plastic.transmittance(cos, float64(eta), float64(alpha), distribution)
+        exact = rough_plastic.transmittance(cos, float64(eta), float64(alpha), distribution)
         error = (basis @ through(eta, alpha, distribution))[:, 0] - exact
         assert error.abs().max() < 8e-3  # at grazing angles, α = 0.01; the tenth node of √c lies at c = 0.0009
         assert (cos * error).abs().max() < 1.3e-3  # one lamp
@@ -157,7 +162,7 @@ def test_the_light_of_many_pixels_is_that_of_each():
 
 def test_black_surroundings_and_no_normals():
     dark = Environment(torch.zeros(16, 32, 3))
-    assert not irradiance.diffuse_table(all_round(3), dark).any()
+    assert not irradiance_table.diffuse_table(all_round(3), dark).any()
 
 
 def rendered(bsdf: dict, camera, environment: Environment, repeats: int, spp: int) -> np.ndarray:
@@ -191,7 +196,7 @@ def test_a_matte_sphere_is_mitsubas():
     color = {"type": "rgb", "value": [0.6, 0.2, 0.1]}
     theirs = rendered({"type": "diffuse", "reflectance": color}, camera, environment, 8, 256)[:, row, column]
     normal = torch.nn.functional.normalize(surface.normal.mean(1), dim=-1)
-    ours = torch.tensor([0.6, 0.2, 0.1]) * irradiance.diffuse_table(normal, environment, 1)[:, 0]
+    ours = torch.tensor([0.6, 0.2, 0.1]) * irradiance_table.diffuse_table(normal, environment, 1)[:, 0]
     check_picture(theirs, ours.double().numpy(), np.zeros(ours.shape), limit=5e-4)
 
 
@@ -201,7 +206,7 @@ def test_a_matte_sphere_is_mitsubas():
 )
 def test_a_sphere_of_rough_plastic_is_mitsubas(f0, alpha, distribution):
     """F0 = 0.0963 is η = 1.9."""
-    eta, color = plastic.ior(float64(f0)), float64([0.6, 0.2, 0.1])
+    eta, color = rough_plastic.ior(float64(f0)), float64([0.6, 0.2, 0.1])
     camera, column, row, surface = ball(24)
     environment = made("studio")
     bsdf = {
@@ -214,16 +219,14 @@ def test_a_sphere_of_rough_plastic_is_mitsubas(f0, alpha, distribution):
     }
     theirs = rendered(bsdf, camera, environment, 8, 256)[:, row, column]
     normal = torch.nn.functional.normalize(surface.normal.mean(1), dim=-1)
-    light = irradiance.diffuse_table(normal, environment).double()
+    light = irradiance_table.diffuse_table(normal, environment).double()
     t = through(eta.item(), alpha, distribution)
-    let_out = irradiance.cosine_basis(surface.n_dot_v).mean(1) @ t
-    outcoupling = plastic.outcoupling(eta, float64(alpha), distribution)
+    let_out = irradiance_table.cosine_basis(surface.n_dot_v).mean(1) @ t
+    outcoupling = rough_plastic.outcoupling(eta, float64(alpha), distribution)
     body = color * outcoupling * let_out * torch.einsum("pbc,bd->pc", light, t)
     table = table_at(surface, environment, alpha, distribution, samples=1024, degree=10)
-    coefficients = reflectance_basis.coefficients(
-        lambda cos: fresnel.dielectric(cos, eta).expand(-1, 3), 10, float64(0)
-    )
+    coefficients = fresnel_basis.coefficients(lambda cos: fresnel.dielectric(cos, eta).expand(-1, 3), 10, float64(0))
     weights = table.level_weights(float64(alpha))
-    halves = [transport.radiance(table.half(i).mean(torch.float64), weights, coefficients) for i in (0, 1)]
+    halves = [light_table.radiance(table.half(i).mean(torch.float64), weights, coefficients) for i in (0, 1)]
     ours = body + (halves[0] + halves[1]) / 2
     check_picture(theirs, ours.numpy(), ((halves[0] - halves[1]) ** 2 / 4).numpy(), limit=2e-3)

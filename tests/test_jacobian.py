@@ -6,18 +6,18 @@ import numpy as np
 import pytest
 import torch
 
-from fitter.fidelity import preset
-from fitter.pixel_model import PixelModel
-from fitter.setting import Setting
-from renderer import gbuffer
-from renderer.camera import Camera
-from renderer.errors import InputError
-from renderer.gbuffer import GBuffer
-from renderer.mesh import Sphere
-from renderer.studio import studio
-from renderer.to_mitsuba import mitsuba
-from renderer.views import views
-from shaders.materials import Metal
+from fit_material.fitter.forward.lighting import Setting
+from fit_material.fitter.forward.pixel_model import PixelModel
+from fit_material.fitter.options.fidelity import preset
+from fit_material.renderer.cameras.camera import Camera
+from fit_material.renderer.errors.input_error import InputError
+from fit_material.renderer.geometry.mesh import Sphere
+from fit_material.renderer.mitsuba.conversion import mitsuba
+from fit_material.renderer.rays import gbuffer
+from fit_material.renderer.rays.gbuffer import GBuffer
+from fit_material.renderer.synthesis.camera_placement import views
+from fit_material.renderer.synthesis.studio import studio
+from fit_material.shaders.materials.types import Metal
 from tests.bench.mitsuba_inverse import Pictures
 
 N, K, ALPHA = (0.146, 0.425, 1.431), (3.578, 2.326, 1.85), 0.2

@@ -17,19 +17,19 @@ import typer
 from test_result import gold, result
 from test_view_command import GOLD, ball, view  # noqa: F401 — a fixture
 
-from fitter import frontier_files
-from fitter.batch.batch import alone_in
-from fitter.batch.record import replaceable_by_batch
-from fitter.export import export
-from fitter.fit_command import demo
-from fitter.frontier_files import Question, compare
-from fitter.frontier_rungs import LADDER
-from fitter.probe import probe
-from fitter.result import Maps, OutputFile, write_result
-from renderer.errors import InputError
-from renderer.images import write_exr
-from renderer.synth import SynthOptions, synthesise
-from renderer.truth import TrueMatte
+from fit_material.fitter.batch.batch import alone_in
+from fit_material.fitter.batch.workers.record import replaceable_by_batch
+from fit_material.fitter.commands.fit import demo
+from fit_material.fitter.export.formats import export
+from fit_material.fitter.frontier import compare as frontier_files
+from fit_material.fitter.frontier.compare import Question, compare
+from fit_material.fitter.frontier.rungs import LADDER
+from fit_material.fitter.result.schema import Maps, OutputFile, write_result
+from fit_material.renderer.errors.input_error import InputError
+from fit_material.renderer.images.image_file import write_exr
+from fit_material.renderer.light_probe.probe import probe
+from fit_material.renderer.materials.ground_truth import TrueMatte
+from fit_material.renderer.synthesis.synthesise import SynthOptions, synthesise
 
 INPUT = "expected another place: an input is never overwritten"
 TETRAHEDRON = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n"
@@ -146,7 +146,7 @@ def test_synth_says_before_its_work_that_the_disk_is_too_small(quick, tmp_path, 
 def limited(size: int, *arguments: object) -> subprocess.CompletedProcess[str]:
     """The command where no file can be longer than so many bytes, as on a disk that is full."""
     code = f"import resource; resource.setrlimit(resource.RLIMIT_FSIZE, ({size}, {size}));"
-    code += "from fitter.cli import program; program()"
+    code += "from fit_material.fitter.commands.app import program; program()"
     command = [sys.executable, "-c", code, *map(str, arguments)]
     return subprocess.run(command, capture_output=True, text=True, check=False)
 
@@ -162,8 +162,11 @@ def test_synth_on_a_disk_that_fills_up_leaves_nothing(tmp_path):
 
 def test_a_demo_can_be_made_twice(tmp_path, monkeypatch):
     """Its photographs; its fit is a fit."""
-    monkeypatch.setattr("fitter.fit_command._fit", lambda *_: 0)
-    monkeypatch.setattr("renderer.synth.SynthOptions", lambda known, **_: SynthOptions(known, views=1, size=8, spp=1))
+    monkeypatch.setattr("fit_material.fitter.commands.fit._fit", lambda *_: 0)
+    monkeypatch.setattr(
+        "fit_material.renderer.synthesis.synthesise.SynthOptions",
+        lambda known, **_: SynthOptions(known, views=1, size=8, spp=1),
+    )
     for _ in range(2):
         with pytest.raises(typer.Exit):
             demo(tmp_path / "demo", quiet=True)

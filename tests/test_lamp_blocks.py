@@ -6,12 +6,14 @@ import numpy as np
 import pytest
 import torch
 
-from renderer import lamp_blocks, lamps, latlong, transport
-from renderer.environment import Environment
-from renderer.footprint import Rays
-from renderer.fused_table import fused_available
-from renderer.lobe_sampling import LightSampler, asked_blocks
-from renderer.packed_rays import packed
+from fit_material.renderer.environment import latlong
+from fit_material.renderer.environment.environment import Environment
+from fit_material.renderer.light_kernel.packed_rays import packed
+from fit_material.renderer.light_kernel.table import fused_available
+from fit_material.renderer.light_sampling import environment_sampling, product_sampling
+from fit_material.renderer.light_sampling.direction_sampling import LightSampler, asked_blocks
+from fit_material.renderer.light_tables import light_table
+from fit_material.renderer.rays.pixel_footprint import Rays
 from tests.test_lamps import cells, night, shares
 from tests.test_transport import facing, shaded, white
 
@@ -20,21 +22,23 @@ LIGHT = night(32)
 
 def test_blocks_hold_all_light_and_each_its_own():
     """Sums over texels by plain loops; a block's place is that of its rows and columns."""
-    blocks = lamps.build(LIGHT).blocks
-    expected = np.zeros(lamp_blocks.ROWS * lamp_blocks.COLUMNS)
+    blocks = environment_sampling.build(LIGHT).blocks
+    expected = np.zeros(product_sampling.ROWS * product_sampling.COLUMNS)
     for (row, column), share in np.ndenumerate(shares(LIGHT)):
-        expected[row * lamp_blocks.ROWS // 32 * lamp_blocks.COLUMNS + column * lamp_blocks.COLUMNS // 64] += share
+        expected[
+            row * product_sampling.ROWS // 32 * product_sampling.COLUMNS + column * product_sampling.COLUMNS // 64
+        ] += share
     np.testing.assert_allclose(blocks.share.numpy(), expected, rtol=1e-5)
     np.testing.assert_allclose(blocks.first.numpy(), np.cumsum(expected) - expected, atol=1e-6)
 
 
 def test_a_block_is_where_its_directions_are():
     """Directions drawn by the light of one block: all in its texels, and about its middle."""
-    sampler = lamps.build(LIGHT)
+    sampler = environment_sampling.build(LIGHT)
     blocks, generator = sampler.blocks, torch.Generator().manual_seed(2)
     for number in (5, 137, 300, 508):
         u = blocks.first[number] + blocks.share[number] * torch.rand(400, generator=generator).double()
-        x, y, z, _ = lamps.sample(sampler, u, *torch.rand(2, 400, generator=generator))
+        x, y, z, _ = environment_sampling.sample(sampler, u, *torch.rand(2, 400, generator=generator))
         cell = cells(LIGHT, *(axis.double().numpy() for axis in (x, y, z)))
         inside = blocks.at(torch.from_numpy(cell // 64), torch.from_numpy(cell % 64)) == number
         assert inside.double().mean() > 0.98  # float32 rounds some at a border into the neighbour
@@ -53,18 +57,18 @@ def test_chances_are_chances_and_leave_no_light_out(alpha):
     found = asked_blocks(sampler, rays([1.0, 0.5, 0.05]), alpha)
     torch.testing.assert_close(found.sum(1), torch.ones(3))
     lit = sampler.lamps.blocks.share > 0
-    assert (found[:, lit] >= 0.999 * lamp_blocks.EVEN * sampler.lamps.blocks.share[lit]).all()
+    assert (found[:, lit] >= 0.999 * product_sampling.EVEN * sampler.lamps.blocks.share[lit]).all()
 
 
 @pytest.mark.skipif(not fused_available(), reason="LLVM's library is absent")
 @pytest.mark.parametrize("alpha", [0.02, 0.3])
 def test_the_kernel_asks_as_torch_does(alpha):
     """Fixed point of 2³², its last block taking 2·10⁻⁵ that the rounding of float32 sums leaves over."""
-    from renderer.fused_blocks import Asked, FusedBlocks
+    from fit_material.renderer.light_kernel.product_sampling import Asked, FusedBlocks
 
     seen, sampler = rays([0.9, 0.4, 0.1]), LightSampler.of(LIGHT)
     expected, there = asked_blocks(sampler, seen, alpha), packed(seen)
-    widths = lamp_blocks.width(alpha, there.tilt)
+    widths = product_sampling.width(alpha, there.tilt)
     asked = Asked.by(FusedBlocks.of(sampler.lamps.blocks), there.mean, widths)
     ends = asked.ends.numpy().reshape(3, -1).astype(np.float64) / 2**32
     np.testing.assert_allclose(np.diff(ends, prepend=0, axis=1), expected.numpy(), rtol=1e-3, atol=3e-5)
@@ -85,7 +89,7 @@ def test_a_dim_lamp_beside_a_bright_one_is_found(monkeypatch):
     radiance[60, 100] = 1e4 * dim / low
 
     def scattered() -> float:
-        table = transport.microfacet_table(
+        table = light_table.microfacet_table(
             surface,
             Environment(radiance),
             (0.2, 0.2, 1),
@@ -99,5 +103,5 @@ def test_a_dim_lamp_beside_a_bright_one_is_found(monkeypatch):
         return float(picture.std() / picture.mean())
 
     by_blocks = scattered()
-    monkeypatch.setattr(lamp_blocks, "EVEN", 1.0)
+    monkeypatch.setattr(product_sampling, "EVEN", 1.0)
     assert by_blocks < scattered() / 3

@@ -8,8 +8,9 @@ import torch
 from hypothesis import given
 from hypothesis import strategies as st
 
-from renderer import lamps, latlong
-from renderer.environment import Environment
+from fit_material.renderer.environment import latlong
+from fit_material.renderer.environment.environment import Environment
+from fit_material.renderer.light_sampling import environment_sampling
 
 
 def night(height: int = 12, rotation: float = 40.0) -> Environment:
@@ -22,7 +23,7 @@ def night(height: int = 12, rotation: float = 40.0) -> Environment:
 
 def draw(environment: Environment, count: int, seed: int = 2):
     u = torch.rand(3, count, generator=torch.Generator().manual_seed(seed))
-    return lamps.sample(lamps.build(environment), *u)
+    return environment_sampling.sample(environment_sampling.build(environment), *u)
 
 
 def cells(environment: Environment, x, y, z) -> np.ndarray:
@@ -51,7 +52,7 @@ def shares(environment: Environment) -> np.ndarray:
 def test_density_is_the_smoothed_light_and_integrates_to_one():
     environment = night()
     solid_angle = latlong.row_solid_angle(12, 24)[:, None].numpy()
-    found = lamps.sampling_density(environment).double().numpy() * solid_angle
+    found = environment_sampling.sampling_density(environment).double().numpy() * solid_angle
     np.testing.assert_allclose(found, shares(environment), rtol=1e-5)
     assert found.sum() == pytest.approx(1, abs=1e-6)
 
@@ -67,7 +68,7 @@ def test_directions_fall_with_the_density():
     chi2 = ((observed - expected)[full] ** 2 / expected[full]).sum()
     assert (chi2 - full.sum()) / math.sqrt(2 * full.sum()) < 5
     # float32 rounds one direction in 10⁵ into the neighbouring cell
-    told = lamps.sampling_density(environment).flatten()[cell]
+    told = environment_sampling.sampling_density(environment).flatten()[cell]
     assert (density != told).float().mean() < 1e-3
 
 
@@ -124,17 +125,17 @@ def test_light_is_drawn_where_it_is_seen():
     lit = latlong.lookup(latlong.of(environment), *towards.unbind(-1)).mean(-1) > 1e-5
     assert lit.sum() > 100
     cell = cells(environment, *towards[lit].double().numpy().T)
-    assert (lamps.sampling_density(environment).flatten()[cell] > 0).all()
+    assert (environment_sampling.sampling_density(environment).flatten()[cell] > 0).all()
 
 
 def test_strata_of_a_block_are_compact():
     """Of a map without lamps: a block's directions lie within its 11°, those of its sixteen strata within a quarter."""
     environment = Environment(torch.ones(256, 512, 3), 0.0)
-    sampler = lamps.build(environment)
+    sampler = environment_sampling.build(environment)
     blocks, number = sampler.blocks, 8 * 32 + 5  # beside the horizon
     u = blocks.first[number] + blocks.share[number] * (torch.arange(16 * 64) + 0.5) / (16 * 64)
     half = torch.full((len(u),), 0.5)
-    towards = torch.stack(lamps.sample(sampler, u, half, half)[:3], -1).double()
+    towards = torch.stack(environment_sampling.sample(sampler, u, half, half)[:3], -1).double()
     assert torch.rad2deg((towards @ blocks.towards[number].double()).clamp(-1, 1).acos()).max() < 11.25 / 2**0.5 + 1
     strata = towards.reshape(16, 64, 3)
     spread = torch.rad2deg((2 - 2 * strata.mean(1).norm(dim=-1)).clamp_min(0).sqrt())

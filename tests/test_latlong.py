@@ -8,9 +8,9 @@ import torch
 from hypothesis import given
 from hypothesis import strategies as st
 
-from renderer import latlong
-from renderer.environment import Environment, directions
-from renderer.to_mitsuba import envmap, mitsuba
+from fit_material.renderer.environment import latlong
+from fit_material.renderer.environment.environment import Environment, directions
+from fit_material.renderer.mitsuba.conversion import envmap, mitsuba
 
 EPS32 = 2.0**-23
 

@@ -7,12 +7,12 @@ import torch
 from hypothesis import given
 from hypothesis import strategies as st
 
-from renderer.camera import Camera
-from renderer.checked import check
-from renderer.errors import InputError
-from renderer.lens import Lens
-from renderer.rectified import rectified
-from renderer.scene import CameraSpec, camera_of
+from fit_material.renderer.cameras.camera import Camera
+from fit_material.renderer.cameras.lens import Lens
+from fit_material.renderer.cameras.undistortion import rectified
+from fit_material.renderer.errors.input_error import InputError
+from fit_material.renderer.files.validation import check
+from fit_material.renderer.scene.scene_file import CameraSpec, camera_of
 
 POSE = np.eye(4)
 WIDTH, HEIGHT = 640, 480

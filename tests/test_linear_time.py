@@ -12,11 +12,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from renderer.errors import InputError
-from renderer.model import file_names, read_model
-from renderer.mtl import read_mtl
-from renderer.mtl_text import distinct
-from renderer.obj import plain_obj
+from fit_material.renderer.errors.input_error import InputError
+from fit_material.renderer.geometry.obj import plain_obj
+from fit_material.renderer.materials.mtl_reader import read_mtl
+from fit_material.renderer.materials.mtl_syntax import distinct
+from fit_material.renderer.viewer_model.model import file_names, read_model
 
 MANY = 40_000
 VERTICES = "v 0 0 0\nv 1 0 0\nv 0 1 0\n"

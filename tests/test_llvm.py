@@ -11,8 +11,8 @@ from pathlib import Path
 
 import pytest
 
-from renderer import llvm
-from renderer.llvm import Choice, Verdict
+from fit_material.renderer.backends import llvm
+from fit_material.renderer.backends.llvm import Choice, Verdict
 
 pytestmark = pytest.mark.dr_jit
 
@@ -267,7 +267,7 @@ def test_a_missing_system_library_is_named_before_anything_is_read():
         pytest.skip("libatomic lies elsewhere")
     script = (
         f"mount --bind /dev/null {os.path.realpath(hidden)} || exit 77; "
-        f"exec {sys.executable} -m fitter.cli check nowhere.toml"
+        f"exec {sys.executable} -m fit_material check nowhere.toml"
     )
     done = subprocess.run(["unshare", "-m", "sh", "-c", script], capture_output=True, text=True, check=False)
     if done.returncode == 77 or done.stderr.startswith("unshare: "):

@@ -13,7 +13,7 @@ from pathlib import Path
 
 import pytest
 
-from renderer import llvm
+from fit_material.renderer.backends import llvm
 
 pytestmark = [pytest.mark.dr_jit, pytest.mark.slow]  # slow for all but `make test-llvm`
 
@@ -23,7 +23,7 @@ METAL = ("--pixels", "400", "--samples", "256", "--type", "metal")
 def run(*arguments: str | Path, cwd: Path, **environment: str) -> subprocess.CompletedProcess[str]:
     """As a user would, in a process that has to find its compiler itself."""
     undecided = {name: value for name, value in os.environ.items() if name not in (llvm.LIBRARY, llvm.SWITCH)}
-    command = [sys.executable, "-m", "fitter.cli", *map(str, arguments)]
+    command = [sys.executable, "-m", "fit_material", *map(str, arguments)]
     undecided |= {"OMP_NUM_THREADS": "1", "PYTHONPATH": str(Path(__file__).parents[1])}
     return subprocess.run(command, capture_output=True, text=True, check=False, cwd=cwd, env=undecided | environment)
 

@@ -7,8 +7,8 @@ import torch
 from hypothesis import given
 from hypothesis import strategies as st
 
-from shaders import fresnel
-from shaders.materials import TYPE_CODES, Glossy, Matte, Metal
+from fit_material.shaders.materials.types import TYPE_CODES, Glossy, Matte, Metal
+from fit_material.shaders.optics import fresnel
 
 
 def float64(value) -> torch.Tensor:

@@ -12,20 +12,22 @@ import torch
 from scipy.optimize import lsq_linear
 from scipy.stats import truncnorm
 
-from fitter.derivative import jacobian
-from fitter.fidelity import PRESETS
-from fitter.fit_options import FitOptions
-from fitter.lambertian import _below_lambert, _lambertian
-from fitter.loading import load
-from fitter.parameters import Coordinates, MatteCoordinates
-from fitter.parts import FittedPart, fit_parts
-from fitter.pipeline import fit_scene, setting_of
-from fitter.residuals import Residuals
-from fitter.search import Fit
-from fitter.solve import Solution
-from fitter.uncertainty import TWO_SIDED_95
-from renderer.mtl import read_mtl
-from shaders.materials import Matte
+from fit_material.fitter.estimation.coarse_to_fine import Fit
+from fit_material.fitter.fitted.part import FittedPart
+from fit_material.fitter.forward.lighting import setting_of
+from fit_material.fitter.least_squares.covariance import TWO_SIDED_95
+from fit_material.fitter.least_squares.jacobian import jacobian
+from fit_material.fitter.least_squares.residuals import Residuals
+from fit_material.fitter.least_squares.solvers import Solution
+from fit_material.fitter.materials.coordinates import Coordinates, MatteCoordinates
+from fit_material.fitter.observations.scene_data import load
+from fit_material.fitter.options.fidelity import PRESETS
+from fit_material.fitter.options.fit_options import FitOptions
+from fit_material.fitter.pipeline.fit_materials import fit_parts
+from fit_material.fitter.pipeline.fit_scene import fit_scene
+from fit_material.fitter.uncertainty.active_bound import _below_lambert, _lambertian
+from fit_material.renderer.materials.mtl_reader import read_mtl
+from fit_material.shaders.materials.types import Matte
 from tests.modelled import Modelled, written
 from tests.soft_scene import soft_light
 

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 import trimesh
 
-from renderer.errors import InputError
-from renderer.mesh import FORMATS, Mesh, read_mesh
+from fit_material.renderer.errors.input_error import InputError
+from fit_material.renderer.geometry.mesh import FORMATS, Mesh, read_mesh
 
 TRIANGLE = "v 0 0 0\nv 1 0 0\nv 0 1 0\n"
 NORMALS = "vn 0 0 1\nvn 0 1 1\nvn 1 0 1\n"

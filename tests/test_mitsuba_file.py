@@ -2,8 +2,8 @@
 
 import pytest
 
-from renderer.cameras import read_cameras
-from renderer.errors import InputError
+from fit_material.renderer.camera_files.importers import read_cameras
+from fit_material.renderer.errors.input_error import InputError
 from tests.hostile import MARK, hostile_library, mitsuba_folder
 from tests.test_mitsuba_sensors import FOV, film, ours, placed, scene
 

@@ -6,15 +6,15 @@ import sys
 
 import pytest
 
-from renderer.errors import InputError
-from renderer.to_mitsuba import mitsuba
+from fit_material.renderer.errors.input_error import InputError
+from fit_material.renderer.mitsuba.conversion import mitsuba
 from tests.hostile import MARK, hostile_plugins
 from tests.test_imports import FILES, imported, top
 
 SMALL = ["--size", "16", "--spp", "4", "--views", "2"]
 IN_THREADS = """
 import threading
-from renderer.to_mitsuba import mitsuba
+from fit_material.renderer.mitsuba.conversion import mitsuba
 mi = mitsuba("{variant}")
 thread = threading.Thread(target=lambda: print(mi.load_dict({{"type": "sphere"}}).bbox()))
 thread.start()
@@ -52,11 +52,30 @@ def test_threads_of_every_variant_load_mitsuba_s_own_plugins(hostile, variant):
 
 @pytest.mark.parametrize("surroundings", [pytest.param("studio", marks=pytest.mark.slow), "sunsky"])
 def test_synth_and_plan_load_mitsuba_s_own_plugins(hostile, surroundings):
-    run(hostile, "-m", "fitter.cli", "synth", "--metal", "Au", *SMALL, "--env", surroundings, "-o", "made", "--quiet")
+    run(
+        hostile,
+        "-m",
+        "fit_material.fitter.commands.app",
+        "synth",
+        "--metal",
+        "Au",
+        *SMALL,
+        "--env",
+        surroundings,
+        "-o",
+        "made",
+        "--quiet",
+    )
     assert (hostile / "made" / "scene.toml").is_file()
-    run(hostile, "-c", "from fitter.cli import app; app(['plan', 'made/scene.toml'], standalone_mode=False)")
+    run(
+        hostile,
+        "-c",
+        "from fit_material.fitter.commands.app import app; app(['plan', 'made/scene.toml'], standalone_mode=False)",
+    )
     assert not (hostile / MARK).exists()
 
 
 def test_one_module_alone_imports_mitsuba():
-    assert {name for name in FILES if "mitsuba" in top(imported(name))} == {"renderer.mitsuba_library"}
+    assert {name for name in FILES if "mitsuba" in top(imported(name))} == {
+        "fit_material.renderer.backends.mitsuba_library"
+    }

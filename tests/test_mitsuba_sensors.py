@@ -8,9 +8,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from PIL import Image
 
-from renderer.errors import InputError
-from renderer.mitsuba_sensors import read_sensors
-from renderer.scene import Scene, camera_of, read_scene
+from fit_material.renderer.camera_files.mitsuba_sensors import read_sensors
+from fit_material.renderer.errors.input_error import InputError
+from fit_material.renderer.scene.scene_file import Scene, camera_of, read_scene
 
 HEAD = '[geometry]\nshape = "sphere"\n[environment]\nmap = "sky.exr"\n'
 SENSORS = """<scene version="3.0.0">

@@ -8,12 +8,12 @@ import pytest
 import torch
 from PIL import Image
 
-from fitter.mtl import thesis_mtl
-from fitter.result import FittedMaterial
-from renderer.errors import InputError
-from renderer.model import Model, read_model
-from renderer.tangents import tangents
-from shaders.materials import Glossy, Matte, Metal
+from fit_material.fitter.export.mtl import thesis_mtl
+from fit_material.fitter.result.schema import FittedMaterial
+from fit_material.renderer.errors.input_error import InputError
+from fit_material.renderer.geometry.tangents import tangents
+from fit_material.renderer.viewer_model.model import Model, read_model
+from fit_material.shaders.materials.types import Glossy, Matte, Metal
 
 CORNERS = "v 0 0 0\nv 1 0 0\nv 0 1 0\n"
 UV = "vt 0 0\nvt 1 0\nvt 0 1\n"

@@ -11,12 +11,12 @@ from pathlib import Path
 
 import pytest
 
-from fitter.fidelity import PRESETS
-from fitter.fit_options import FitOptions
-from fitter.pipeline import fit_scene
-from renderer.moves import JOURNAL, finish
-from renderer.replaceable import contents
-from renderer.unfinished import sweep
+from fit_material.fitter.options.fidelity import PRESETS
+from fit_material.fitter.options.fit_options import FitOptions
+from fit_material.fitter.pipeline.fit_scene import fit_scene
+from fit_material.renderer.files.moves import JOURNAL, finish
+from fit_material.renderer.files.replaceable import contents
+from fit_material.renderer.files.unfinished import sweep
 
 NAMES = ("a", "b", "c", "result.json")
 KILLED = """
@@ -32,13 +32,13 @@ def dying(source, target):
 os.replace = dying
 """
 MOVE = """
-from renderer.atomic import replaced_together
+from fit_material.renderer.files.atomic import replaced_together
 with replaced_together(sys.argv[1]) as folder:
     for name in ("a", "b", "c", "result.json"):
         (folder / name).write_text("new " + name)
 """
 FIT = """
-from fitter.cli import program
+from fit_material.fitter.commands.app import program
 options = "--type metal --pixels 100 --samples 32 -q --seed 1".split()
 sys.argv = ["fit-material", "fit", sys.argv[3], "-o", str(out), *options]
 program()

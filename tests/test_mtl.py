@@ -7,8 +7,8 @@ import trimesh.exchange.obj
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from fitter.mtl import TYPE_CODES, Maps, ordinary_mtl, thesis_mtl
-from fitter.result import FittedMaterial
+from fit_material.fitter.export.mtl import TYPE_CODES, Maps, ordinary_mtl, thesis_mtl
+from fit_material.fitter.result.schema import FittedMaterial
 
 float32 = st.floats(width=32, allow_nan=False, allow_infinity=False)
 unit = st.floats(0, 1, width=32)

@@ -16,10 +16,10 @@ import tinyobjloader
 import trimesh
 from PIL import Image
 
-from fitter.mtl import Maps, ordinary_mtl, thesis_mtl
-from fitter.result import FittedMaterial
-from renderer.mtl import read_mtl
-from renderer.mtl_text import read_blocks
+from fit_material.fitter.export.mtl import Maps, ordinary_mtl, thesis_mtl
+from fit_material.fitter.result.schema import FittedMaterial
+from fit_material.renderer.materials.mtl_reader import read_mtl
+from fit_material.renderer.materials.mtl_syntax import read_blocks
 
 Found = dict[str, dict[str, object]]
 """By material and key: float32 numbers, and names of files."""

@@ -8,8 +8,8 @@ import pytest
 import torch
 from PIL import Image
 
-from renderer.mtl import read_mtl
-from renderer.mtl_text import found_file, texture_file, texture_options
+from fit_material.renderer.materials.mtl_reader import read_mtl
+from fit_material.renderer.materials.mtl_syntax import found_file, texture_file, texture_options
 
 METAL = "newmtl a\nNs 2\nKa 3.5 2.3 1.9\nKd 0.15 0.43 1.4\nKs 0.25 0.25 0.25\n"
 GLOSSY = "newmtl a\nNs 1\nKa 0.04 0.05 0.06\nKd 0.5 0.25 0.125\nKs 0.25 0.25 0.25\n"

@@ -14,19 +14,19 @@ from hypothesis import strategies as st
 from test_export_readers import by_blender, clay, glaze
 from test_result import gold, result
 
-from fitter import cli
-from fitter.blender import blender
-from fitter.export import FORMATS, export
-from fitter.materialx import materialx
-from fitter.mitsuba_xml import mitsuba_xml
-from fitter.mtl import ordinary_mtl, thesis_mtl
-from fitter.remarks import remarks
-from fitter.result import FittedMaterial, Maps, read_result, write_result
-from renderer.checked import check
-from renderer.errors import InputError
-from renderer.mesh import read_mesh
-from renderer.printable import printable
-from renderer.scene import MaterialSpec, read_scene
+from fit_material.fitter.commands import app
+from fit_material.fitter.export.blender import blender
+from fit_material.fitter.export.formats import FORMATS, export
+from fit_material.fitter.export.materialx import materialx
+from fit_material.fitter.export.mitsuba_xml import mitsuba_xml
+from fit_material.fitter.export.mtl import ordinary_mtl, thesis_mtl
+from fit_material.fitter.result.formatting import remarks
+from fit_material.fitter.result.schema import FittedMaterial, Maps, read_result, write_result
+from fit_material.renderer.errors.input_error import InputError
+from fit_material.renderer.errors.printable import printable
+from fit_material.renderer.files.validation import check
+from fit_material.renderer.geometry.mesh import read_mesh
+from fit_material.renderer.scene.scene_file import MaterialSpec, read_scene
 
 EVIL = "x\nimport os; os.mkdir('made')#"
 NASTY = st.one_of(
@@ -194,7 +194,7 @@ def said(capfd, monkeypatch, *arguments: object) -> str:
     """All that a command prints, on both streams."""
     monkeypatch.setattr(sys, "argv", ["fit-material", *map(str, arguments)])
     with pytest.raises(SystemExit):
-        cli.main()
+        app.main()
     return "".join(capfd.readouterr())
 
 
@@ -224,7 +224,7 @@ def test_no_control_character_of_a_result_reaches_the_terminal(capfd, monkeypatc
 
 
 def test_the_progress_bar_takes_names_as_they_are(monkeypatch, capsys):
-    from fitter.progress import progress_bar
+    from fit_material.fitter.command_line.progress_bar import progress_bar
 
     monkeypatch.setattr(sys.stderr, "isatty", lambda: True)
     monkeypatch.setenv("TERM", "dumb")

@@ -7,12 +7,12 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from fitter.catalogue import metal, read_catalogue
-from fitter.nearest import nearest_metals
-from fitter.parameters import Interval, MetalCoordinates
-from fitter.uncertainty import Spread
-from shaders import fresnel
-from shaders.materials import Metal
+from fit_material.fitter.least_squares.covariance import Spread
+from fit_material.fitter.materials.coordinates import Interval, MetalCoordinates
+from fit_material.fitter.metal_prior.nearest_metals import nearest_metals
+from fit_material.renderer.materials.catalogue import metal, read_catalogue
+from fit_material.shaders.materials.types import Metal
+from fit_material.shaders.optics import fresnel
 
 RANGE = Interval(0.02, 1.0, logarithmic=True)
 EXACT = MetalCoordinates(RANGE)

@@ -9,18 +9,18 @@ import pytest
 import torch
 import trimesh
 
-from renderer import cubemap
-from renderer.camera import Camera, look_at
-from renderer.cubemap import Cubemap
-from renderer.mesh import Mesh
-from renderer.model import Appearance, Model
-from renderer.neighbours import NEVER_SKY, capture, depth, viewpoint
-from renderer.shading import far_light, illuminations, near_light, reflective_parts, render
-from renderer.surroundings import Surroundings
-from renderer.viewer import offscreen
-from shaders import diffuse, fresnel
-from shaders.materials import Glossy, Matte, Metal
-from shaders.shade import Light
+from fit_material.renderer.cameras.camera import Camera, look_at
+from fit_material.renderer.environment import cubemap
+from fit_material.renderer.environment.cubemap import Cubemap
+from fit_material.renderer.geometry.mesh import Mesh
+from fit_material.renderer.opengl import offscreen
+from fit_material.renderer.viewer_model.captured_neighbours import NEVER_SKY, capture, depth, viewpoint
+from fit_material.renderer.viewer_model.model import Appearance, Model
+from fit_material.renderer.viewer_model.shading import far_light, illuminations, near_light, reflective_parts, render
+from fit_material.renderer.viewer_model.viewer_light import Surroundings
+from fit_material.shaders.materials.types import Glossy, Matte, Metal
+from fit_material.shaders.optics import diffuse, fresnel
+from fit_material.shaders.shade import Light
 
 SIZE = 32
 EPS32 = 2.0**-23

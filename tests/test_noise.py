@@ -5,7 +5,13 @@ import math
 import pytest
 import torch
 
-from fitter.noise import even_whitening, local_whitening, neighbours_of, relative_weight, scatter
+from fit_material.fitter.least_squares.noise import (
+    even_whitening,
+    local_whitening,
+    neighbours_of,
+    relative_weight,
+    scatter,
+)
 from tests.test_search import surface_of
 
 

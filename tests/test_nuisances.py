@@ -8,21 +8,21 @@ from dataclasses import replace
 import pytest
 import torch
 
-from fitter.beside import found_beside
-from fitter.condensed import condensed
-from fitter.fidelity import PRESETS, preset
-from fitter.measured import measured
-from fitter.noise import even_whitening
-from fitter.nuisances import EXPOSURE_WIDTH, Gains, Nuisances, Unknown
-from fitter.parameters import Interval, MetalCoordinates
-from fitter.pixel_model import PixelModel
-from fitter.residuals import Residuals
-from fitter.search import Fit, fit_material
-from fitter.setting import Setting
-from fitter.turning import TURNS, TurnedPixels, joined, turned
-from fitter.uncertainty import Spread, spread
-from renderer.studio import studio
-from renderer.transport import LightTable
+from fit_material.fitter.estimation.coarse_to_fine import Fit, fit_material
+from fit_material.fitter.fitted.nuisance_estimates import found_beside
+from fit_material.fitter.forward.lighting import Setting
+from fit_material.fitter.forward.pixel_model import PixelModel
+from fit_material.fitter.forward.rotated_environment import TURNS, TurnedPixels, joined, turned
+from fit_material.fitter.least_squares.covariance import Spread, spread
+from fit_material.fitter.least_squares.noise import even_whitening
+from fit_material.fitter.least_squares.nuisances import EXPOSURE_WIDTH, Gains, Nuisances, Unknown
+from fit_material.fitter.least_squares.reduced_residuals import condensed
+from fit_material.fitter.least_squares.residuals import Residuals
+from fit_material.fitter.materials.coordinates import Interval, MetalCoordinates
+from fit_material.fitter.options.fidelity import PRESETS, preset
+from fit_material.fitter.uncertainty.estimates import measured
+from fit_material.renderer.light_tables.light_table import LightTable
+from fit_material.renderer.synthesis.studio import studio
 from tests.test_search import TRUTHS, gold, problem_of, surface_of
 
 ALL = (Unknown("exposure"), Unknown("white_balance", channel=0), Unknown("white_balance", channel=2))

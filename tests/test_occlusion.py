@@ -9,18 +9,19 @@ import numpy as np
 import pytest
 import torch
 
-from fitter.fidelity import PRESETS
-from fitter.setting import OF_TABLE, Setting
-from renderer import gbuffer, transport
-from renderer.fused_table import fused_available
-from renderer.gbuffer import GBuffer
-from renderer.mesh import Sphere
-from renderer.occlusion import Occluder, is_convex, occluder
-from renderer.path_tracer import passes
-from renderer.to_mitsuba import Bsdf, conductor, diffuse, variant_here
-from shaders.effects import NAMES
-from shaders.materials import Material, Matte, Metal
-from shaders.shade import DirectionalLight
+from fit_material.fitter.forward.lighting import OF_TABLE, Setting
+from fit_material.fitter.options.fidelity import PRESETS
+from fit_material.renderer.geometry.mesh import Sphere
+from fit_material.renderer.light_kernel.table import fused_available
+from fit_material.renderer.light_tables import light_table
+from fit_material.renderer.mitsuba.conversion import Bsdf, conductor, diffuse, variant_here
+from fit_material.renderer.path_tracing.path_tracer import passes
+from fit_material.renderer.rays import gbuffer
+from fit_material.renderer.rays.gbuffer import GBuffer
+from fit_material.renderer.rays.occlusion import Occluder, is_convex, occluder
+from fit_material.shaders.effects import NAMES
+from fit_material.shaders.lights import DirectionalLight
+from fit_material.shaders.materials.types import Material, Matte, Metal
 from tests import bowl as golden
 from tests.test_visibility import ball, balls
 
@@ -123,7 +124,7 @@ def test_the_kernel_and_torch_agree():
 
     def mean(fused: bool) -> torch.Tensor:
         made = [
-            transport.microfacet_table(
+            light_table.microfacet_table(
                 surface,
                 golden.light(),
                 (0.2, 0.4, 2),

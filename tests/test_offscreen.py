@@ -11,20 +11,21 @@ import pytest
 import torch
 from parity import numbers
 
-from renderer import cubemap, gbuffer
-from renderer.appearance import Appearance
-from renderer.camera import Camera, look_at
-from renderer.environment import Environment, directions
-from renderer.errors import InputError
-from renderer.mesh import Mesh
-from renderer.model import Model
-from renderer.studio import studio
-from renderer.surroundings import Surroundings, surroundings
-from renderer.viewer import context as context_module
-from renderer.viewer import offscreen
-from renderer.viewer.drawing import Stage
-from renderer.viewer.offscreen import picture, render
-from shaders.materials import Glossy, Matte, Metal
+from fit_material.renderer.cameras.camera import Camera, look_at
+from fit_material.renderer.environment import cubemap
+from fit_material.renderer.environment.environment import Environment, directions
+from fit_material.renderer.errors.input_error import InputError
+from fit_material.renderer.geometry.mesh import Mesh
+from fit_material.renderer.materials.textured_material import Appearance
+from fit_material.renderer.opengl import context as context_module
+from fit_material.renderer.opengl import offscreen
+from fit_material.renderer.opengl.drawing import Stage
+from fit_material.renderer.opengl.offscreen import picture, render
+from fit_material.renderer.rays import gbuffer
+from fit_material.renderer.synthesis.studio import studio
+from fit_material.renderer.viewer_model.model import Model
+from fit_material.renderer.viewer_model.viewer_light import Surroundings, surroundings
+from fit_material.shaders.materials.types import Glossy, Matte, Metal
 
 EPS = 2.0**-23
 FRONT = look_at(numbers(0.0, 0.0, 4.0), numbers(0.0, 0.0, 0.0), numbers(0.0, 1.0, 0.0))

@@ -7,11 +7,11 @@ from dataclasses import replace
 import pytest
 import torch
 
-from fitter.fidelity import preset
-from fitter.outliers import judged
-from fitter.residuals import ROBUST_AT
-from fitter.search import fit_material
-from renderer.studio import studio
+from fit_material.fitter.estimation.coarse_to_fine import fit_material
+from fit_material.fitter.least_squares.residuals import ROBUST_AT
+from fit_material.fitter.options.fidelity import preset
+from fit_material.fitter.report.outlier_map import judged
+from fit_material.renderer.synthesis.studio import studio
 from tests.test_search import TRUTHS, problem_of, surface_of
 
 

@@ -16,15 +16,16 @@ import numpy as np
 import pytest
 import trimesh
 
-from fitter import cli, pipeline
-from fitter.fidelity import PRESETS
-from fitter.fit_options import FitOptions
-from fitter.outputs import output_names
-from fitter.pipeline import fit_scene
-from fitter.result import OutputFile, read_result, write_result
-from renderer.errors import InputError
-from renderer.synth import SynthOptions, synthesise
-from renderer.truth import TrueMatte
+from fit_material.fitter.commands import app
+from fit_material.fitter.options.fidelity import PRESETS
+from fit_material.fitter.options.fit_options import FitOptions
+from fit_material.fitter.pipeline import fit_scene as pipeline
+from fit_material.fitter.pipeline.fit_scene import fit_scene
+from fit_material.fitter.pipeline.output_files import output_names
+from fit_material.fitter.result.schema import OutputFile, read_result, write_result
+from fit_material.renderer.errors.input_error import InputError
+from fit_material.renderer.materials.ground_truth import TrueMatte
+from fit_material.renderer.synthesis.synthesise import SynthOptions, synthesise
 
 QUICK = FitOptions(PRESETS["preview"], type="metal")
 FOREIGN = "expected no file of that name, or one that the result.json there lists and nobody has changed"
@@ -59,7 +60,7 @@ def refused(monkeypatch, capfd, scene: Path, out: Path) -> str:
     monkeypatch.setattr(pipeline, "fit_planned", None)
     monkeypatch.setattr(sys, "argv", ["fit-material", "fit", str(scene), "-o", str(out), "--quiet"])
     with pytest.raises(SystemExit) as ended:
-        cli.main()
+        app.main()
     assert ended.value.code == 2
     assert contents(out) == before
     return capfd.readouterr().err.removeprefix("fit-material: ").removesuffix("\n")
@@ -272,7 +273,7 @@ def test_a_scene_whose_path_is_not_utf8_is_told_before_the_fit(gold_photographs,
 def limited(size: int, *arguments: object, cwd: Path | None = None) -> subprocess.CompletedProcess[str]:
     """The command where no file can be longer than so many bytes, as on a disk that is full."""
     code = f"import resource; resource.setrlimit(resource.RLIMIT_FSIZE, ({size}, {size}));"
-    code += "from fitter.cli import program; program()"
+    code += "from fit_material.fitter.commands.app import program; program()"
     command = [sys.executable, "-c", code, *map(str, arguments)]
     environment = {**os.environ, "OMP_NUM_THREADS": "1"}
     return subprocess.run(command, capture_output=True, text=True, check=False, env=environment, cwd=cwd)
@@ -318,7 +319,7 @@ def test_a_matplotlibrc_in_the_working_folder_is_not_read(gold_photographs, tmp_
     else:
         (tmp_path / "matplotlibrc").write_bytes(b"text.usetex: \xff\xfe True\n")
     code = (
-        "from fitter.plotting import without_the_users_settings as without; without()\n"
+        "from fit_material.fitter.html.plotting import without_the_users_settings as without; without()\n"
         "import matplotlib; print(matplotlib.rcParams['text.usetex'])"
     )
     command = [sys.executable, "-c", code]
@@ -331,7 +332,16 @@ def test_the_users_own_plots_need_latex_and_their_jax_a_gpu(gold_photographs, tm
     (tmp_path / "matplotlibrc").write_text("text.usetex: True\nfont.family: nonsense\n")
     environment = {**os.environ, "OMP_NUM_THREADS": "1", "MATPLOTLIBRC": str(tmp_path), "MPLBACKEND": "nonsense"}
     environment |= {"JAX_PLATFORMS": "nonsense"}
-    command = [sys.executable, "-m", "fitter.cli", "fit", gold_photographs / "scene.toml", "-o", tmp_path / "out", *HOW]
+    command = [
+        sys.executable,
+        "-m",
+        "fit_material.fitter.commands.app",
+        "fit",
+        gold_photographs / "scene.toml",
+        "-o",
+        tmp_path / "out",
+        *HOW,
+    ]
     ended = subprocess.run(command, capture_output=True, text=True, check=False, env=environment, cwd=tmp_path)
     assert (ended.returncode, ended.stderr) == (0, "")
     assert "reflectance F" in (tmp_path / "out" / "report.html").read_text("utf-8")

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from renderer.viewer.pace import COARSEST, FRAME, REST, Pace
+from fit_material.renderer.viewer.pace import COARSEST, FRAME, REST, Pace
 
 
 @pytest.mark.parametrize(("seconds", "coarseness"), [(0.001, 1), (FRAME, 1), (4 * FRAME, 2), (9 * FRAME, 3), (60.0, 4)])

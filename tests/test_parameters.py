@@ -7,10 +7,10 @@ import torch
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from fitter.catalogue import read_catalogue
-from fitter.parameters import Interval, MetalCoordinates
-from shaders import fresnel
-from shaders.materials import Metal
+from fit_material.fitter.materials.coordinates import Interval, MetalCoordinates
+from fit_material.renderer.materials.catalogue import read_catalogue
+from fit_material.shaders.materials.types import Metal
+from fit_material.shaders.optics import fresnel
 
 EPS = 2.0**-52
 LOGARITHMIC, LINEAR = Interval(0.02, 1.0, logarithmic=True), Interval(0.0, 0.8, logarithmic=False)

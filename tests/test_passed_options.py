@@ -8,10 +8,10 @@ import pytest
 import typer
 from typer.testing import CliRunner
 
-from fitter.fit_command import chosen
-from fitter.option_names import TypeName
-from fitter.passed_options import options_said, with_parameters_of
-from renderer.errors import InputError
+from fit_material.fitter.command_line.choices import TypeName
+from fit_material.fitter.command_line.signature import options_said, with_parameters_of
+from fit_material.fitter.commands.fit import chosen
+from fit_material.renderer.errors.input_error import InputError
 
 
 def shared(size: Annotated[int, typer.Option(help="Of it.")] = 3, name: Annotated[str, typer.Option()] = "") -> object:

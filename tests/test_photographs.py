@@ -11,12 +11,12 @@ from hypothesis.extra.numpy import array_shapes, arrays
 from PIL import Image as PillowImage
 from scipy.ndimage import maximum_filter
 
-from fitter.photographs import read_photograph
-from renderer.clipping import dilated
-from renderer.errors import InputError
-from renderer.images import write_exr
-from renderer.lens_spec import LensSpec
-from renderer.scene import CameraSpec, PhotographSpec
+from fit_material.fitter.observations.photograph import read_photograph
+from fit_material.renderer.errors.input_error import InputError
+from fit_material.renderer.images.image_file import write_exr
+from fit_material.renderer.photographs.clipping import dilated
+from fit_material.renderer.scene.lens_spec import LensSpec
+from fit_material.renderer.scene.scene_file import CameraSpec, PhotographSpec
 
 CAMERA = CameraSpec(origin=(0, 0, 4), target=(0, 0, 0))
 HEIGHT, WIDTH = 6, 8

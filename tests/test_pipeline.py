@@ -11,13 +11,13 @@ import pytest
 import torch
 import trimesh
 
-from fitter.catalogue import metal
-from fitter.fidelity import PRESETS
-from fitter.pipeline import FitOptions, fit_scene
-from fitter.result import FittedMaterial, Result, read_result
-from renderer.errors import InputError
-from renderer.synth import SynthOptions, synthesise
-from renderer.truth import TrueMetal
+from fit_material.fitter.options.fidelity import PRESETS
+from fit_material.fitter.pipeline.fit_scene import FitOptions, fit_scene
+from fit_material.fitter.result.schema import FittedMaterial, Result, read_result
+from fit_material.renderer.errors.input_error import InputError
+from fit_material.renderer.materials.catalogue import metal
+from fit_material.renderer.materials.ground_truth import TrueMetal
+from fit_material.renderer.synthesis.synthesise import SynthOptions, synthesise
 
 # The directions that the standard has, for half its pixels and with fewer rays in each: F0 to half a percent.
 FIDELITY = replace(PRESETS["standard"], pixels=2000, footprint=2)
@@ -226,7 +226,7 @@ def test_cuda_where_there_is_none(iron, tmp_path):
 
 def test_ctrl_c_while_solving_is_ctrl_c(iron, tmp_path, monkeypatch):
     """Inside JAX's callback an exception becomes a text; the interruption must come out as one all the same."""
-    from fitter.residuals import Residuals
+    from fit_material.fitter.least_squares.residuals import Residuals
 
     calls = 0
 

@@ -10,12 +10,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fitter import cli
-from fitter.plan_command import json_text, text
-from renderer.errors import InputError
-from renderer.plan import Change, Plan, planned, require_choosable
-from renderer.plan_rules import Facts
-from shaders.effects import BY_NAME, EFFECTS, NAMES
+from fit_material.fitter.commands import app
+from fit_material.fitter.commands.plan import json_text, text
+from fit_material.fitter.effects.plan import Change, Plan, planned, require_choosable
+from fit_material.fitter.effects.plan_rules import Facts
+from fit_material.renderer.errors.input_error import InputError
+from fit_material.shaders.effects import BY_NAME, EFFECTS, NAMES
 
 METAL, MATTE = frozenset({"metal"}), frozenset({"matte"})
 EVERY = frozenset({"metal", "glossy", "matte"})
@@ -159,7 +159,7 @@ def test_the_command_prints_and_writes_nothing(gold_scene, capfd, monkeypatch):
     before = sorted(gold_scene.parent.iterdir())
     monkeypatch.setattr(sys, "argv", ["fit-material", "plan", str(gold_scene), "--type", "metal", "--json"])
     with pytest.raises(SystemExit) as ended:
-        cli.main()
+        app.main()
     effects = json.loads(capfd.readouterr().out)["effects"]
     assert ended.value.code == 0
     on = {effect["name"] for effect in effects if effect["on"]}
@@ -171,7 +171,7 @@ def test_a_camera_that_sees_nothing_is_refused(gold_scene, capfd, monkeypatch):
     gold_scene.write_text(gold_scene.read_text().replace("target = [0.0, 0.0, 0.0]", "target = [99.0, 0.0, 0.0]"))
     monkeypatch.setattr(sys, "argv", ["fit-material", "plan", str(gold_scene)])
     with pytest.raises(SystemExit) as ended:
-        cli.main()
+        app.main()
     assert ended.value.code == 2
     sentence = "photographs: expected a camera that sees the object's front in the pixels its photograph shows\n"
     assert capfd.readouterr().err.endswith(sentence)

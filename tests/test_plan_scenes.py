@@ -9,24 +9,22 @@ import numpy as np
 import pytest
 import torch
 
-from fitter.effect_measures import Measurement, Sample, possible
-from fitter.fidelity import PRESETS
-from fitter.fit_options import FitOptions
-from fitter.loading import load
-from fitter.parts import kinds_of
-from fitter.pipeline import setting_of
-from fitter.planning import TOLERANCE, Planner
-from fitter.returned_light import returned_light
-from fitter.setting import Setting
-from renderer import gbuffer
-from renderer.differentiable import require_variant
-from renderer.errors import InputError
-from renderer.footprint import middle
-from renderer.path_tracer import render
-from renderer.plan import Change
-from renderer.to_mitsuba import conductor, variant_here
-from shaders.effects import NAMES
-from shaders.materials import Metal
+from fit_material.fitter.effects.effect_measurement import Measurement, Sample, possible
+from fit_material.fitter.effects.one_bounce import returned_light
+from fit_material.fitter.effects.plan import Change
+from fit_material.fitter.effects.planner import TOLERANCE, Planner
+from fit_material.fitter.forward.lighting import Setting, setting_of
+from fit_material.fitter.observations.scene_data import kinds_of, load
+from fit_material.fitter.options.fidelity import PRESETS
+from fit_material.fitter.options.fit_options import FitOptions
+from fit_material.renderer.errors.input_error import InputError
+from fit_material.renderer.mitsuba.conversion import conductor, variant_here
+from fit_material.renderer.path_tracing.differentiable_scene import require_variant
+from fit_material.renderer.path_tracing.path_tracer import render
+from fit_material.renderer.rays import gbuffer
+from fit_material.renderer.rays.pixel_footprint import middle
+from fit_material.shaders.effects import NAMES
+from fit_material.shaders.materials.types import Metal
 from tests import bowl as golden
 from tests.plan_scenes import SCENES
 from tests.test_occlusion import CAMERA, inside, tensor

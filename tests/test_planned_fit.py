@@ -9,15 +9,19 @@ from dataclasses import replace
 
 import pytest
 
-from fitter import pipeline, pixel_model, planned_fit, planning, setting
-from fitter.fidelity import PRESETS
-from fitter.fit_options import FitOptions
-from fitter.pipeline import fit_scene
-from fitter.planned_fit import ROUNDS
-from fitter.planning import Planner, spared
-from fitter.result import Result
-from renderer import differentiable, occlusion
-from renderer.plan import Plan
+from fit_material.fitter.effects import planner
+from fit_material.fitter.effects.plan import Plan
+from fit_material.fitter.effects.planner import Planner, spared
+from fit_material.fitter.forward import lighting, pixel_model
+from fit_material.fitter.options.fidelity import PRESETS
+from fit_material.fitter.options.fit_options import FitOptions
+from fit_material.fitter.pipeline import fit_scene as pipeline
+from fit_material.fitter.pipeline import planned_fit
+from fit_material.fitter.pipeline.fit_scene import fit_scene
+from fit_material.fitter.pipeline.planned_fit import ROUNDS
+from fit_material.fitter.result.schema import Result
+from fit_material.renderer.path_tracing import differentiable_scene
+from fit_material.renderer.rays import occlusion
 
 FIDELITY = replace(PRESETS["preview"], pixels=300, search_pixels=300, samples=64, search_samples=32)
 BALL = {"reflection", "blur", "horizon", "exact-fresnel", "pixel-footprint"}
@@ -52,13 +56,13 @@ def calls(monkeypatch) -> Counter[str]:
 
     during("fit_parts")
     during("polished_parts")
-    count(setting, "diffuse_table", "diffuse-irradiance")
-    count(setting, "mirror_table", "reflection without blur")
-    count(setting.transport, "microfacet_table", "blur")
+    count(lighting, "diffuse_table", "diffuse-irradiance")
+    count(lighting, "mirror_table", "reflection without blur")
+    count(lighting.transport, "microfacet_table", "blur")
     count(pixel_model.DirectLight, "of", "lights")
     count(pixel_model.DirectLight, "reflected", "light-reflection")
     count(occlusion.Occluder, "origins", "rays")
-    count(differentiable.DifferentiableScene, "radiance", "interreflection")
+    count(differentiable_scene.DifferentiableScene, "radiance", "interreflection")
     return counted
 
 
@@ -66,7 +70,7 @@ def calls(monkeypatch) -> Counter[str]:
 def looked_for_paths(monkeypatch) -> list[object]:
     """How often a plan finds out whether Mitsuba can trace paths here, which loads it."""
     found: list[object] = []
-    monkeypatch.setattr(planning, "require_polishable", found.append)
+    monkeypatch.setattr(planner, "require_polishable", found.append)
     return found
 
 
@@ -135,7 +139,7 @@ GROWING = ("self-visibility", "ambient-occlusion", "light-reflection")
 @pytest.mark.parametrize(("growth", "fits"), [(1, 2), pytest.param(3, 3, marks=pytest.mark.slow)])
 def test_a_plan_that_grows_is_fitted_again_three_times_at_most(gold_scene, tmp_path, monkeypatch, growth, fits):
     """Each later plan has one more effect on, until it has so many; what no fit simulated is not said to be on."""
-    monkeypatch.setattr("fitter.pipeline.strips", lambda *arguments: [])
+    monkeypatch.setattr("fit_material.fitter.pipeline.fit_scene.strips", lambda *arguments: [])
     plan, made, simulated = Planner.plan, [], []
 
     def growing(self: Planner, *arguments) -> Plan:

@@ -9,8 +9,8 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from renderer.to_mitsuba import mitsuba
-from shaders import fresnel, lobe, plastic
+from fit_material.renderer.mitsuba.conversion import mitsuba
+from fit_material.shaders.optics import fresnel, microfacets, rough_plastic
 from tests.quadrature import masking, normals
 
 DISTRIBUTIONS = ["ggx", "beckmann"]
@@ -47,8 +47,8 @@ def mitsubas(kind: str, eta: float, **further):
 def test_body_is_mitsubas_roughplastic(distribution, alpha, eta):
     body = mitsubas("roughplastic", eta, alpha=alpha, distribution=distribution)
     table = torch.linspace(0, 1, 64, dtype=torch.float64)  # Mitsuba's, which it interpolates linearly
-    t = plastic.transmittance(table, float64(eta), float64(alpha), distribution).numpy()
-    scale = 0.6 * plastic.outcoupling(float64(eta), float64(alpha), distribution).item()
+    t = rough_plastic.transmittance(table, float64(eta), float64(alpha), distribution).numpy()
+    scale = 0.6 * rough_plastic.outcoupling(float64(eta), float64(alpha), distribution).item()
     found = [scale * np.prod(np.interp(pair, table, t)) * pair[1] / math.pi for pair in COSINES]
     ratio = np.array([body(*pair) for pair in COSINES]) / found
     # T alone, the ratio of two directions: Mitsuba's 32 × 32 points leave 8e-4, where T is least
@@ -64,10 +64,10 @@ def test_body_is_mitsubas_roughplastic(distribution, alpha, eta):
 def test_smooth_limit_is_mitsubas_plastic(distribution, eta):
     """`plastic` has the true mean of the internal reflectance, by a fit of 1 % [d'Eon 2011], which 1/(1-R) enlarges."""
     alpha, cos = float64(1e-3), float64([1.0, 0.6, 0.2])
-    t = plastic.transmittance(cos, float64(eta), alpha, distribution)
+    t = rough_plastic.transmittance(cos, float64(eta), alpha, distribution)
     # the facets' spread of α² changes F by α² F''/2 < 1e-4 from cos 0.2 on, the quadrature by as much
     torch.testing.assert_close(t, 1 - fresnel.dielectric(cos, float64(eta)), rtol=0, atol=2e-4)
-    r = plastic.diffuse_internal_reflectance(float64(eta), alpha, distribution).item()
+    r = rough_plastic.diffuse_internal_reflectance(float64(eta), alpha, distribution).item()
     body = mitsubas("plastic", eta)
     for i, j in ((0, 0), (1, 2)):
         expected = 0.6 / (1 - r) / eta**2 * (t[i] * t[j] * cos[j]).item() / math.pi
@@ -81,7 +81,7 @@ def test_smooth_internal_reflectance_is_the_integral_of_fresnels_equations(eta):
     t = np.sqrt((1 - eta**2 * (1 - c**2)).astype(complex))
     s, p = (eta * c - t) / (eta * c + t), (c - eta * t) / (c + eta * t)
     expected = (c * (np.abs(s) ** 2 + np.abs(p) ** 2)).mean()
-    found = plastic.diffuse_internal_reflectance(float64(eta), float64(1e-3), "beckmann").item()
+    found = rough_plastic.diffuse_internal_reflectance(float64(eta), float64(1e-3), "beckmann").item()
     assert 1 - found == pytest.approx(1 - expected, rel=2e-4)  # 16 nodes: 5e-5; α: 1e-3 of the last grazing 1e-3
 
 
@@ -89,7 +89,7 @@ def seen_from_inside(mu: float, eta: float, alpha: float, side: int = 256) -> fl
     """R(µ) of GGX, over the facets that are seen, by Gauss–Legendre in the numbers that they are sampled with."""
     x, weight = np.polynomial.legendre.leggauss(side)
     u1, u2 = (grid.flatten() for grid in torch.meshgrid(*[float64((x + 1) / 2)] * 2, indexing="ij"))
-    h_x, _, h_z = (h.numpy() for h in lobe.sample_visible_normals(float64(mu), alpha, u1, u2))
+    h_x, _, h_z = (h.numpy() for h in microfacets.sample_visible_normals(float64(mu), alpha, u1, u2))
     cos_d = np.clip(math.sqrt(1 - mu**2) * h_x + mu * h_z, 0, 1)
     t = np.sqrt((1 - eta**2 * (1 - cos_d**2)).astype(complex))
     s, p = (eta * cos_d - t) / (eta * cos_d + t), (cos_d - eta * t) / (cos_d + eta * t)
@@ -101,10 +101,10 @@ def seen_from_inside(mu: float, eta: float, alpha: float, side: int = 256) -> fl
 @pytest.mark.parametrize(("f0", "alpha"), [(0.04, 0.1), (0.06, 0.05), (0.03, 0.4), (0.08, 0.2)])
 def test_internal_reflectance_is_the_mean_over_64_cosines(f0, alpha):
     """A fitted colour is off by as much as 1 - R: here nothing but the quadrature differs, and not by 5e-4."""
-    eta = plastic.ior(float64(f0))
+    eta = rough_plastic.ior(float64(f0))
     cosines = np.maximum(1e-6, np.linspace(0, 1, 64))
     expected = 2 * np.mean([mu * seen_from_inside(mu, eta.item(), alpha) for mu in cosines])
-    found = plastic.internal_reflectance(eta, float64(alpha), "ggx").item()
+    found = rough_plastic.internal_reflectance(eta, float64(alpha), "ggx").item()
     assert 1 - found == pytest.approx(1 - expected, rel=2e-4)  # 1.2e-4 is left
 
 
@@ -128,10 +128,10 @@ def test_transmittance_and_reflectance_are_integrals_over_all_normals(distributi
     x, weight = np.polynomial.legendre.leggauss(24)
     mu = (x + 1) / 2
     t, r = np.transpose([over_normals(m, eta, alpha, distribution) for m in mu])
-    found = plastic.transmittance(float64(mu), float64(eta), float64(alpha), distribution).numpy()
+    found = rough_plastic.transmittance(float64(mu), float64(eta), float64(alpha), distribution).numpy()
     # relative to the visible area, which Beckmann's rational G1 (0.35 %) gives in the oracle and the weights' sum in T
     assert found == pytest.approx(t, abs=3e-4, rel=0 if distribution == "ggx" else 4e-3)
-    mean = plastic.diffuse_internal_reflectance(float64(eta), float64(alpha), distribution).item()
+    mean = rough_plastic.diffuse_internal_reflectance(float64(eta), float64(alpha), distribution).item()
     # both meet the kinks of horizon and total reflection with some 5e-4 of R
     assert mean == pytest.approx((r * mu * weight).sum(), abs=1.5e-3)
 
@@ -142,9 +142,9 @@ def test_derivatives(distribution, f0, alpha):
     mu = float64([0.0, 0.03, 0.4, 1.0])
 
     def everything(f0, alpha):
-        eta = plastic.ior(f0)
-        inside = plastic.outcoupling(eta, alpha, distribution)
-        return torch.cat([plastic.transmittance(mu, eta, alpha, distribution), inside[None]])
+        eta = rough_plastic.ior(f0)
+        inside = rough_plastic.outcoupling(eta, alpha, distribution)
+        return torch.cat([rough_plastic.transmittance(mu, eta, alpha, distribution), inside[None]])
 
     inputs = (float64(f0).requires_grad_(), float64(alpha).requires_grad_())
     assert torch.autograd.gradcheck(everything, inputs, check_forward_ad=True)
@@ -163,24 +163,24 @@ def test_derivatives(distribution, f0, alpha):
 )
 def test_no_light_is_made(eta, alpha, mu, distribution):
     eta, alpha = float64(eta), float64(alpha)
-    t = plastic.transmittance(float64(mu), eta, alpha, distribution).item()
+    t = rough_plastic.transmittance(float64(mu), eta, alpha, distribution).item()
     assert 0 <= t <= 1 + 1e-12  # rounding: the weights sum to one
-    r = plastic.diffuse_internal_reflectance(eta, alpha, distribution).item()
+    r = rough_plastic.diffuse_internal_reflectance(eta, alpha, distribution).item()
     assert -1e-3 <= r < 1  # the quadrature's own error where nothing is reflected, η = 1
     x, weight = np.polynomial.legendre.leggauss(40)
     cos = float64((x + 1) / 2)
-    let_in = (plastic.transmittance(cos, eta, alpha, distribution) * cos * float64(weight)).sum().item()
+    let_in = (rough_plastic.transmittance(cos, eta, alpha, distribution) * cos * float64(weight)).sum().item()
     # a white body in even light: what comes in goes out, or is lost between facets; 1 - R is good to 3e-3
-    assert let_in * plastic.outcoupling(eta, alpha, distribution).item() <= 1 + 3e-3
+    assert let_in * rough_plastic.outcoupling(eta, alpha, distribution).item() <= 1 + 3e-3
 
 
 @given(f0=st.floats(1e-6, 0.9))
 def test_index_and_reflectance_are_inverse(f0):
-    assert plastic.f0(plastic.ior(float64(f0))).item() == pytest.approx(f0, rel=1e-12 / math.sqrt(f0))
+    assert rough_plastic.f0(rough_plastic.ior(float64(f0))).item() == pytest.approx(f0, rel=1e-12 / math.sqrt(f0))
 
 
 def test_channels_broadcast():
     mu, eta = torch.linspace(0, 1, 5, dtype=torch.float64)[:, None], float64([1.3, 1.5, 1.8])
-    found = plastic.transmittance(mu, eta, float64(0.2), "ggx")
+    found = rough_plastic.transmittance(mu, eta, float64(0.2), "ggx")
     assert found.shape == (5, 3)
-    torch.testing.assert_close(found[:, 1], plastic.transmittance(mu[:, 0], eta[1], float64(0.2), "ggx"))
+    torch.testing.assert_close(found[:, 1], rough_plastic.transmittance(mu[:, 0], eta[1], float64(0.2), "ggx"))

@@ -6,9 +6,9 @@ import matplotlib
 import pytest
 from test_frontier import TRUTH, run, rungs
 
-from fitter.frontier import frontier_of
-from fitter.frontier_plot import frontier_png
-from fitter.svg import inline_svg
+from fit_material.fitter.frontier.pareto import frontier_of
+from fit_material.fitter.frontier.plot import frontier_png
+from fit_material.fitter.html.svg import inline_svg
 
 
 @pytest.fixture

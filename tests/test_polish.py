@@ -11,22 +11,22 @@ import numpy as np
 import pytest
 import torch
 
-from fitter import pipeline
-from fitter.fidelity import PRESETS, preset
-from fitter.pipeline import FitOptions, fit_scene
-from fitter.pixel_model import PixelModel
-from fitter.polish import PolishedPixels, Tangent
-from fitter.setting import Setting
-from renderer import gbuffer
-from renderer.differentiable import DifferentiableScene, Radiance
-from renderer.errors import InputError
-from renderer.gbuffer import GBuffer
-from renderer.mesh import Sphere
-from renderer.path_tracer import render
-from renderer.to_mitsuba import conductor, mitsuba
-from renderer.views import views
-from shaders import fresnel
-from shaders.materials import Material, Metal
+from fit_material.fitter.effects.interreflection import PolishedPixels, Tangent
+from fit_material.fitter.forward.lighting import Setting
+from fit_material.fitter.forward.pixel_model import PixelModel
+from fit_material.fitter.options.fidelity import PRESETS, preset
+from fit_material.fitter.pipeline import fit_scene as pipeline
+from fit_material.fitter.pipeline.fit_scene import FitOptions, fit_scene
+from fit_material.renderer.errors.input_error import InputError
+from fit_material.renderer.geometry.mesh import Sphere
+from fit_material.renderer.mitsuba.conversion import conductor, mitsuba
+from fit_material.renderer.path_tracing.differentiable_scene import DifferentiableScene, Radiance
+from fit_material.renderer.path_tracing.path_tracer import render
+from fit_material.renderer.rays import gbuffer
+from fit_material.renderer.rays.gbuffer import GBuffer
+from fit_material.renderer.synthesis.camera_placement import views
+from fit_material.shaders.materials.types import Material, Metal
+from fit_material.shaders.optics import fresnel
 from tests.bowl import ALPHA, K, N, bowl, light, looks, photographs
 
 SIZE, SEEDS, SPP = 12, 12, 192
@@ -215,7 +215,17 @@ def test_the_viewers_model_is_not_polished(tmp_path):
 
 
 def test_without_llvm_the_user_learns_which_package_to_install(tmp_path):
-    command = [sys.executable, "-m", "fitter.cli", "fit", "scene.toml", "-o", str(tmp_path), "--polish", "--quiet"]
+    command = [
+        sys.executable,
+        "-m",
+        "fit_material.fitter.commands.app",
+        "fit",
+        "scene.toml",
+        "-o",
+        str(tmp_path),
+        "--polish",
+        "--quiet",
+    ]
     environment = {**os.environ, "FIT_MATERIAL_LLVM": "none"}
     done = subprocess.run(command, capture_output=True, text=True, env=environment)
     assert done.returncode == 2

@@ -11,15 +11,15 @@ import pytest
 import torch
 import trimesh
 
-from fitter.pose_outline import Border, border_of
-from renderer import gbuffer
-from renderer.camera import Camera, look_at
-from renderer.errors import InputError
-from renderer.images import write_exr
-from renderer.lens import Lens
-from renderer.mesh import Mesh, Sphere
-from renderer.pose import DEGREES, SHARE, Pose
-from renderer.scene import CameraSpec, PhotographSpec
+from fit_material.fitter.poses.silhouette_alignment import Border, border_of
+from fit_material.renderer.cameras.camera import Camera, look_at
+from fit_material.renderer.cameras.lens import Lens
+from fit_material.renderer.cameras.pose_offset import DEGREES, SHARE, Pose
+from fit_material.renderer.errors.input_error import InputError
+from fit_material.renderer.geometry.mesh import Mesh, Sphere
+from fit_material.renderer.images.image_file import write_exr
+from fit_material.renderer.rays import gbuffer
+from fit_material.renderer.scene.scene_file import CameraSpec, PhotographSpec
 
 SIZE, FOV, RAYS = 48, 35.0, 12
 AWAY = 3.6

@@ -6,17 +6,17 @@ from dataclasses import replace
 
 import torch
 
-from fitter.album import Album
-from fitter.fidelity import PRESETS
-from fitter.photographs import Photograph
-from fitter.pose_reflections import Shown, shown_pixels, slopes
-from fitter.setting import Setting
-from renderer import gbuffer
-from renderer.camera import Camera, look_at
-from renderer.environment import Environment
-from renderer.mesh import Sphere
-from renderer.pose import Pose
-from shaders.materials import Matte, Metal
+from fit_material.fitter.forward.lighting import Setting
+from fit_material.fitter.observations.album import Album
+from fit_material.fitter.observations.photograph import Photograph
+from fit_material.fitter.options.fidelity import PRESETS
+from fit_material.fitter.poses.photometric_alignment import Shown, shown_pixels, slopes
+from fit_material.renderer.cameras.camera import Camera, look_at
+from fit_material.renderer.cameras.pose_offset import Pose
+from fit_material.renderer.environment.environment import Environment
+from fit_material.renderer.geometry.mesh import Sphere
+from fit_material.renderer.rays import gbuffer
+from fit_material.shaders.materials.types import Matte, Metal
 from tests.soft_scene import soft_light
 
 SIZE, PIXELS, ANGLE = 40, 200, 0.05

@@ -10,25 +10,25 @@ import torch
 from kornia.color import rgb_to_linear_rgb
 from scipy import ndimage
 
-from fitter.photographs import Photograph
-from fitter.preflight.duplicates import duplicate_findings, rows_of
-from fitter.preflight.finding import Finding
-from fitter.preflight.looks import Looks
-from fitter.preflight.orientation import GIVEN, Orientation, orientations
-from fitter.preflight.pictures import Light
-from fitter.preflight.pixels import pixel_findings
-from fitter.preflight.preflight import Lit, up_axes
-from fitter.preflight.sharpness import edge_width
-from fitter.preflight.silhouette import MeshTurn, Sighting, mesh_turn, silhouette_findings
-from fitter.preflight.suppositions import _decoded, _encoded
-from renderer import gbuffer
-from renderer.camera import Camera, look_at
-from renderer.environment import Environment
-from renderer.latlong import lookup, of
-from renderer.mesh import Mesh, Sphere
-from renderer.scene import light_option
-from renderer.studio import studio
-from renderer.surroundings import directional_light
+from fit_material.fitter.input_checks.candidate_pictures import Light
+from fit_material.fitter.input_checks.checks import Lit, up_axes
+from fit_material.fitter.input_checks.duplicates import duplicate_findings, rows_of
+from fit_material.fitter.input_checks.finding import Finding
+from fit_material.fitter.input_checks.hypotheses import _decoded, _encoded
+from fit_material.fitter.input_checks.orientation import GIVEN, Orientation, orientations
+from fit_material.fitter.input_checks.pixel_values import pixel_findings
+from fit_material.fitter.input_checks.sampled_pixels import Looks
+from fit_material.fitter.input_checks.sharpness import edge_width
+from fit_material.fitter.input_checks.silhouette import MeshTurn, Sighting, mesh_turn, silhouette_findings
+from fit_material.fitter.observations.photograph import Photograph
+from fit_material.renderer.cameras.camera import Camera, look_at
+from fit_material.renderer.environment.environment import Environment
+from fit_material.renderer.environment.latlong import lookup, of
+from fit_material.renderer.geometry.mesh import Mesh, Sphere
+from fit_material.renderer.rays import gbuffer
+from fit_material.renderer.scene.lights import directional_light
+from fit_material.renderer.scene.scene_file import light_option
+from fit_material.renderer.synthesis.studio import studio
 
 ROTATION = 30.0
 STUDIO = Environment(studio(64).radiance, ROTATION)
@@ -74,7 +74,7 @@ def test_the_axis_that_is_up_meets_the_upper_pole(up, axis):
 
 
 def test_pictures_of_an_orientation_are_those_in_a_map_that_was_really_changed(monkeypatch):
-    monkeypatch.setattr("fitter.preflight.pictures.SAMPLES", 4096)
+    monkeypatch.setattr("fit_material.fitter.input_checks.candidate_pictures.SAMPLES", 4096)
     surface = gbuffer.pixel_centres(gbuffer.tracer(Sphere()), camera()).reshape(-1)
     surface = surface[surface.front][::20][:, None]
     count = len(surface.hit)

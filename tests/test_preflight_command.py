@@ -9,15 +9,15 @@ import numpy as np
 import pytest
 from PIL import Image as PillowImage
 
-from fitter import cli
-from renderer.images import read_image, write_exr
+from fit_material.fitter.commands import app
+from fit_material.renderer.images.image_file import read_image, write_exr
 from tests.srgb_curve import encoded
 
 
 def run(monkeypatch, *arguments: object) -> int:
     monkeypatch.setattr(sys, "argv", ["fit-material", *map(str, arguments)])
     with pytest.raises(SystemExit) as ended:
-        cli.main()
+        app.main()
     return int(ended.value.code or 0)
 
 
@@ -120,7 +120,7 @@ def test_a_check_that_fails_stops_no_fit(gold_scene, monkeypatch, capsys, tmp_pa
     def broken(*arguments):
         raise RuntimeError("of the check")
 
-    monkeypatch.setattr("fitter.preflight.preflight.preflight", broken)
+    monkeypatch.setattr("fit_material.fitter.input_checks.checks.preflight", broken)
     asked = ("fit", gold_scene, "-o", tmp_path, "--fidelity", "preview", "--pixels", 300, "--type", "metal")
     assert run(monkeypatch, *asked) in (0, 1)
     assert "could not be checked (of the check)" in capsys.readouterr().err

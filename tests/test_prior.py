@@ -11,23 +11,23 @@ import pytest
 import torch
 from test_search import problem_of, surface_of
 
-from fitter.catalogue import Metal, metal, read_catalogue
-from fitter.choice import Choice
-from fitter.expected import published_covariance, shape_of
-from fitter.fidelity import PRESETS, preset
-from fitter.likelihood import InPictures, InReflectance, likelihood
-from fitter.measured import Measured
-from fitter.mixture import Borrowed, TooFar, catalogue_prior
-from fitter.parameters import TINT_WIDTH, Interval, MetalCoordinates
-from fitter.prior import borrow, from_prior, with_prior
-from fitter.search import Fit, fit_material
-from fitter.summary import describe, fitted_material
-from fitter.uncertainty import Spread, spread
-from fitter.verdicts import seen_by
-from fitter.viewer_roughness import ViewerRoughness
-from renderer.studio import studio
-from shaders import fresnel
-from shaders import materials as shading
+from fit_material.fitter.estimation.coarse_to_fine import Fit, fit_material
+from fit_material.fitter.estimation.model_selection import Choice
+from fit_material.fitter.estimation.viewer_roughness import ViewerRoughness
+from fit_material.fitter.fitted.determinability import seen_by
+from fit_material.fitter.fitted.summary import describe, fitted_material
+from fit_material.fitter.least_squares.covariance import Spread, spread
+from fit_material.fitter.materials.coordinates import TINT_WIDTH, Interval, MetalCoordinates
+from fit_material.fitter.metal_prior.catalogue_distribution import published_covariance, shape_of
+from fit_material.fitter.metal_prior.likelihood import InPictures, InReflectance, likelihood
+from fit_material.fitter.metal_prior.mixture_posterior import Borrowed, TooFar, catalogue_prior
+from fit_material.fitter.metal_prior.substitution import borrow, from_prior, with_prior
+from fit_material.fitter.options.fidelity import PRESETS, preset
+from fit_material.fitter.uncertainty.estimates import Measured
+from fit_material.renderer.materials.catalogue import Metal, metal, read_catalogue
+from fit_material.renderer.synthesis.studio import studio
+from fit_material.shaders.materials import types as shading
+from fit_material.shaders.optics import fresnel
 
 RANGE = Interval(0.02, 1.0, logarithmic=True)
 EXACT, VIEWERS = MetalCoordinates(RANGE), MetalCoordinates(RANGE, torch.zeros(3, dtype=torch.float64))

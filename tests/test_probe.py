@@ -9,17 +9,17 @@ from PIL import Image as PillowImage
 from test_exposures import exif, srgb_codes
 from typer.testing import CliRunner
 
-from fitter.catalogue import metal
-from fitter.cli import app
-from fitter.probe import probe
-from renderer.camera import Camera, look_at
-from renderer.environment import Environment, directions
-from renderer.errors import InputError
-from renderer.images import read_image, write_exr
-from renderer.mesh import Sphere
-from renderer.mirror_ball import Circle, find_ball
-from renderer.path_tracer import render
-from renderer.to_mitsuba import conductor
+from fit_material.fitter.commands.app import app
+from fit_material.renderer.cameras.camera import Camera, look_at
+from fit_material.renderer.environment.environment import Environment, directions
+from fit_material.renderer.errors.input_error import InputError
+from fit_material.renderer.geometry.mesh import Sphere
+from fit_material.renderer.images.image_file import read_image, write_exr
+from fit_material.renderer.light_probe.mirror_ball import Circle, find_ball
+from fit_material.renderer.light_probe.probe import probe
+from fit_material.renderer.materials.catalogue import metal
+from fit_material.renderer.mitsuba.conversion import conductor
+from fit_material.renderer.path_tracing.path_tracer import render
 
 SIZE, HALF_WIDTH = 192, 1.5
 RADIUS = SIZE / (2 * HALF_WIDTH)

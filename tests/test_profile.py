@@ -14,11 +14,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import least_squares
 
-from fitter.parameters import Interval, MetalCoordinates
-from fitter.profile import intervals, profiled
-from fitter.uncertainty import TWO_SIDED_95, Spread, intervals95
-from shaders import fresnel
-from shaders.materials import Metal
+from fit_material.fitter.least_squares.covariance import TWO_SIDED_95, Spread, intervals95
+from fit_material.fitter.materials.coordinates import Interval, MetalCoordinates
+from fit_material.fitter.uncertainty.profile_likelihood import intervals, profiled
+from fit_material.shaders.materials.types import Metal
+from fit_material.shaders.optics import fresnel
 
 PRECISION = torch.tensor([[3.0, 0.5], [0.2, 0.4], [-1.0, 0.3]], dtype=torch.float64)  # A: rows of a small problem
 COVARIANCE = torch.linalg.inv(PRECISION.T @ PRECISION)

@@ -14,13 +14,13 @@ import psutil
 import pytest
 from PIL import Image as PillowImage
 
-from renderer import memory
-from renderer.environment import read_environment
-from renderer.errors import InputError
-from renderer.images import read_image, write_exr
-from renderer.promised import Size, require_size
-from renderer.samples import PNG_BEGINS, image_size
-from renderer.textures import read_texture
+from fit_material.renderer.compute import memory
+from fit_material.renderer.environment.environment_file import read_environment
+from fit_material.renderer.errors.input_error import InputError
+from fit_material.renderer.images.image_file import read_image, write_exr
+from fit_material.renderer.images.image_header import Size, require_size
+from fit_material.renderer.images.samples import PNG_BEGINS, image_size
+from fit_material.renderer.images.textures import read_texture
 from tests.test_raw import mosaic, write_dng
 
 SIDE = 40_000  # 1.6e9 pixels

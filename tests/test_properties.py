@@ -9,17 +9,19 @@ import torch
 from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 
-from fitter.hard_cases import references, small_scene
-from fitter.hard_cases.claims import FINITE, between, float32, near
-from fitter.hard_cases.materials import ROUNDINGS as CONDUCTOR
-from fitter.hard_cases.row import Claim, Formula, Numbers
-from fitter.parameters import GlossyCoordinates, Interval, MatteCoordinates, MetalCoordinates
-from renderer import cubemap, latlong
-from renderer.cubemap import Cubemap
-from renderer.environment import Environment
-from shaders import diffuse, fresnel, lobe, plastic, shade
-from shaders.materials import Glossy, Matte, Metal
-from shaders.shade import DirectionalLight, Light, Points
+from fit_material.fitter.materials.coordinates import GlossyCoordinates, Interval, MatteCoordinates, MetalCoordinates
+from fit_material.fitter.selftest.claims import FINITE, between, float32, near
+from fit_material.fitter.selftest.experiments import references, small_scene
+from fit_material.fitter.selftest.experiments.row import Claim, Formula, Numbers
+from fit_material.fitter.selftest.materials import ROUNDINGS as CONDUCTOR
+from fit_material.renderer.environment import cubemap, latlong
+from fit_material.renderer.environment.cubemap import Cubemap
+from fit_material.renderer.environment.environment import Environment
+from fit_material.shaders import shade
+from fit_material.shaders.lights import DirectionalLight
+from fit_material.shaders.materials.types import Glossy, Matte, Metal
+from fit_material.shaders.optics import diffuse, fresnel, microfacets, rough_plastic
+from fit_material.shaders.shade import Light, Points
 
 # Roundings that a formula takes, as `near` and `between` count them: its steps, doubled for each quotient of two sums.
 DIELECTRIC = 48  # a root and two quotients, squared and averaged
@@ -87,9 +89,9 @@ def test_dielectrics_reflect_a_share_and_let_in_the_rest(cos_d, ior):
 def test_lobes_are_finite_and_masks_are_shares(distribution, cos, alpha):
     places = {"cos": (cos,), "alpha": (alpha,)}
     assert not broken(
-        Formula(lambda cos, alpha: lobe.distribution_of_normals(cos, alpha, distribution), places), FINITE
+        Formula(lambda cos, alpha: microfacets.distribution_of_normals(cos, alpha, distribution), places), FINITE
     )
-    masked = Formula(lambda cos, alpha: lobe.smith_g1(cos, alpha, distribution), places)
+    masked = Formula(lambda cos, alpha: microfacets.smith_g1(cos, alpha, distribution), places)
     assert not broken(masked, FINITE, between(0, 1 + WALTER, MASK))
 
 
@@ -99,7 +101,7 @@ def test_plastics_let_in_a_share(mu, alpha, eta):
     places = {"eta": (eta,), "alpha": (alpha,)}
 
     def passed(eta: torch.Tensor, alpha: torch.Tensor) -> torch.Tensor:
-        return plastic.transmittance(torch.full_like(eta, mu), eta, alpha, "ggx")
+        return rough_plastic.transmittance(torch.full_like(eta, mu), eta, alpha, "ggx")
 
     assert not broken(Formula(passed, places), FINITE, between(0, 1, PLASTIC))
 

@@ -3,7 +3,8 @@ import math
 import numpy as np
 import pytest
 
-from fitter.quality import ViewPictures, assess, compare, tone_mapped, white_point
+from fit_material.fitter.report.image_quality import ViewPictures, assess, compare
+from fit_material.renderer.images.display import tone_mapped, white_point
 
 
 def picture(value, height=12, width=10):

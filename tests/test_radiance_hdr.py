@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from renderer.errors import InputError
-from renderer.radiance_hdr import read_hdr
-from renderer.to_mitsuba import mitsuba
+from fit_material.renderer.errors.input_error import InputError
+from fit_material.renderer.images.radiance_hdr import read_hdr
+from fit_material.renderer.mitsuba.conversion import mitsuba
 
 HEADER = b"#?RADIANCE\nEXPOSURE=1\nFORMAT=32-bit_rle_rgbe\n\n"
 

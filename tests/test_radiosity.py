@@ -11,24 +11,24 @@ import numpy as np
 import pytest
 import torch
 
-from fitter.albedo import albedo
-from fitter.fidelity import PRESETS
-from fitter.fit_options import FitOptions
-from fitter.pipeline import fit_scene
-from fitter.places import Places
-from fitter.radiosity import Looking, Radiosity, Transfer, radiosity
-from fitter.result import read_result
-from fitter.setting import Setting
-from renderer import gbuffer
-from renderer.environment import Environment
-from renderer.gbuffer import GBuffer
-from renderer.irradiance import even_table
-from renderer.occlusion import Occluder
-from renderer.textures import read_texture
-from renderer.to_mitsuba import diffuse, mitsuba, plastic
-from shaders import fresnel
-from shaders.materials import Glossy, Matte, Metal
-from shaders.shade import DirectionalLight
+from fit_material.fitter.forward.lighting import Setting
+from fit_material.fitter.forward.surface_samples import Places
+from fit_material.fitter.options.fidelity import PRESETS
+from fit_material.fitter.options.fit_options import FitOptions
+from fit_material.fitter.pipeline.fit_scene import fit_scene
+from fit_material.fitter.result.schema import read_result
+from fit_material.fitter.textures.radiosity import Looking, Radiosity, Transfer, radiosity
+from fit_material.renderer.environment.environment import Environment
+from fit_material.renderer.images.textures import read_texture
+from fit_material.renderer.light_tables.irradiance_table import even_table
+from fit_material.renderer.mitsuba.conversion import diffuse, mitsuba, plastic
+from fit_material.renderer.rays import gbuffer
+from fit_material.renderer.rays.gbuffer import GBuffer
+from fit_material.renderer.rays.occlusion import Occluder
+from fit_material.shaders.albedo import albedo
+from fit_material.shaders.lights import DirectionalLight
+from fit_material.shaders.materials.types import Glossy, Matte, Metal
+from fit_material.shaders.optics import fresnel
 from tests import bowl as golden
 from tests.textured import pattern, photograph_textured, ring, seen_at
 
@@ -91,7 +91,7 @@ def test_what_a_point_mirrors_of_the_object_is_as_bright_as_that_is():
     towards = torch.nn.functional.normalize(inwards, dim=-1)[:, None]
     transfer = Transfer.of(surface, towards, torch.full((len(surface.hit), 1), 0.5, dtype=torch.float64), looking)
     light = found.light(even(0.5))
-    arriving = light.arriving(transfer)
+    arriving = transfer.arriving(light)
     opposite = -surface.position[:, 1].numpy()
     covered = opposite < math.cos(golden.RIM) - 0.05
     np.testing.assert_allclose(arriving[covered], 0.5 * 0.5 * light.total.mean(), rtol=0.1)

@@ -15,11 +15,11 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from fitter.fidelity import PRESETS
-from fitter.fit_options import FitOptions
-from fitter.pipeline import fit_scene
-from renderer.errors import InputError
-from shaders.materials import Glossy, Matte, Metal
+from fit_material.fitter.options.fidelity import PRESETS
+from fit_material.fitter.options.fit_options import FitOptions
+from fit_material.fitter.pipeline.fit_scene import fit_scene
+from fit_material.renderer.errors.input_error import InputError
+from fit_material.shaders.materials.types import Glossy, Matte, Metal
 from tests.modelled import Modelled, written
 
 FEWEST = replace(

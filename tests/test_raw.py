@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 import tifffile
 
-from renderer.clipping import clipped_pixels
-from renderer.errors import InputError
-from renderer.images import read_image
+from fit_material.renderer.errors.input_error import InputError
+from fit_material.renderer.images.image_file import read_image
+from fit_material.renderer.photographs.clipping import clipped_pixels
 
 BLACK, WHITE = 512, 16383
 NEUTRAL = (0.5, 1.0, 0.6667)  # the camera's answer to white

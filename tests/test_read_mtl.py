@@ -13,12 +13,12 @@ import torch
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from fitter.mtl import ordinary_mtl, thesis_mtl
-from fitter.result import FittedMaterial
-from renderer.errors import InputError
-from renderer.mtl import Library, read_mtl
-from renderer.mtl_text import written_names
-from shaders.materials import Glossy, Material, Matte, Metal
+from fit_material.fitter.export.mtl import ordinary_mtl, thesis_mtl
+from fit_material.fitter.result.schema import FittedMaterial
+from fit_material.renderer.errors.input_error import InputError
+from fit_material.renderer.materials.mtl_reader import Library, read_mtl
+from fit_material.renderer.materials.mtl_syntax import written_names
+from fit_material.shaders.materials.types import Glossy, Material, Matte, Metal
 
 METAL = "newmtl a\nNs 2\nKa 3.5 2.3 1.9\nKd 0.15 0.43 1.4\nKs 0.25 0.25 0.25\n"
 GLOSSY = "newmtl a\nNs 1\nKa 0.04 0.05 0.06\nKd 0.5 0.25 0.125\nKs 0.25 0.25 0.25\n"

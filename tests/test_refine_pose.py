@@ -11,13 +11,13 @@ import numpy as np
 import pytest
 import torch
 
-from fitter import pose_refinement, pose_reflections
-from fitter.fidelity import PRESETS
-from fitter.pipeline import FitOptions, fit_scene
-from fitter.result import read_result
-from renderer.errors import InputError
-from renderer.pose import DEGREES, SHARE, Pose
-from renderer.scene import camera_of, read_scene, read_shape
+from fit_material.fitter.options.fidelity import PRESETS
+from fit_material.fitter.pipeline.fit_scene import FitOptions, fit_scene
+from fit_material.fitter.poses import photometric_alignment, refinement
+from fit_material.fitter.result.schema import read_result
+from fit_material.renderer.cameras.pose_offset import DEGREES, SHARE, Pose
+from fit_material.renderer.errors.input_error import InputError
+from fit_material.renderer.scene.scene_file import camera_of, read_scene, read_shape
 from tests.bench.pose import placed_otherwise
 from tests.test_pose import left
 
@@ -42,8 +42,8 @@ def misplaced(scene: Path, *motions: tuple[float, ...]) -> Path:
 
 def test_cameras_come_back_to_where_they_stood(gold_scene, tmp_path, monkeypatch):
     """The turn about the line of sight and the way round the ball as well, which its outline does not tell."""
-    monkeypatch.setattr(pose_refinement, "EFFORTS", ((400, 256, 2),))
-    monkeypatch.setattr(pose_reflections, "SLOPE_SAMPLES", 512)
+    monkeypatch.setattr(refinement, "EFFORTS", ((400, 256, 2),))
+    monkeypatch.setattr(photometric_alignment, "SLOPE_SAMPLES", 512)
     wrong = misplaced(gold_scene, (0.9, -0.6, 1.6, 0.004, 0.006, 0.007), (-0.7, 0.5, -1.8, 0.008, -0.003, -0.005))
     options = FitOptions(FIDELITY, type="metal", refine_pose=True, command="fit-material fit --refine-pose")
     result = fit_scene(wrong, tmp_path / "out", options)

@@ -8,9 +8,9 @@ import torch
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fitter.catalogue import read_catalogue
-from renderer import reflectance_basis
-from shaders import fresnel
+from fit_material.renderer.light_sampling import fresnel_basis
+from fit_material.renderer.materials.catalogue import read_catalogue
+from fit_material.shaders.optics import fresnel
 
 COS_D = torch.linspace(0, 1, 2001, dtype=torch.float64)
 DOUBLE = torch.zeros((), dtype=torch.float64)
@@ -23,8 +23,8 @@ def conductor(n, k):
 
 def expanded(reflectance, degree: int) -> torch.Tensor:
     """The curve by its coefficients, [cosine, channel]."""
-    found = reflectance_basis.coefficients(reflectance, degree, DOUBLE)
-    return torch.einsum("bt,bc->tc", reflectance_basis.basis(COS_D, degree), found)
+    found = fresnel_basis.coefficients(reflectance, degree, DOUBLE)
+    return torch.einsum("bt,bc->tc", fresnel_basis.basis(COS_D, degree), found)
 
 
 @pytest.mark.parametrize("metal", read_catalogue(), ids=lambda metal: metal.title)
@@ -58,6 +58,6 @@ def test_no_more_is_missing_than_the_coefficients_left_out(n, k, degree):
 
 @given(st.floats(0, 1), st.integers(1, 16))
 def test_functions_stay_within_one(cosine, degree):
-    found = reflectance_basis.basis(torch.tensor(cosine, dtype=torch.float64), degree)
+    found = fresnel_basis.basis(torch.tensor(cosine, dtype=torch.float64), degree)
     assert found[0] == 1
     assert found.abs().max() <= 1 + 1e-9  # the recurrence's rounding, degree² ulps

@@ -9,17 +9,17 @@ import pytest
 import torch
 from test_result import gold, result
 
-from fitter.catalogue import metal
-from fitter.curves import Curve, reflectance_curve
-from fitter.outliers import OutlierMap
-from fitter.parameters import Interval, MetalCoordinates
-from fitter.pictures import LONGEST_SIDE, comparison_png, tiles
-from fitter.reflectances import exact_reflectance, viewer_reflectance
-from fitter.report import ViewPictures, render_report
-from fitter.result import Determined, FittedMaterial, FromPrior, Nearest, Nuisance, Quality, Share
-from fitter.uncertainty import Spread
-from shaders import fresnel
-from shaders.materials import Metal
+from fit_material.fitter.least_squares.covariance import Spread
+from fit_material.fitter.materials.coordinates import Interval, MetalCoordinates
+from fit_material.fitter.report.outlier_map import OutlierMap
+from fit_material.fitter.report.pictures import LONGEST_SIDE, comparison_png, tiles
+from fit_material.fitter.report.reflectance_curve import Curve, reflectance_curve
+from fit_material.fitter.report.report import ViewPictures, render_report
+from fit_material.fitter.result.schema import Determined, FittedMaterial, FromPrior, Nearest, Nuisance, Quality, Share
+from fit_material.renderer.materials.catalogue import metal
+from fit_material.shaders.materials.fresnel_models import exact_reflectance, viewer_reflectance
+from fit_material.shaders.materials.types import Metal
+from fit_material.shaders.optics import fresnel
 
 VOID = {"meta", "img", "path", "use", "br"}
 

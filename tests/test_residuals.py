@@ -10,14 +10,28 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from fitter.noise import even_whitening, relative_weight
-from fitter.parameters import TINT_WIDTH, GlossyCoordinates, Interval, MatteCoordinates, MetalCoordinates
-from fitter.pixel_model import BlurredByTable, Body, DirectLight, ExactPixels, PixelModel, ViewerPixels
-from fitter.residuals import ROBUST_AT, Residuals, huber
-from renderer.reflectance_basis import BEND
-from renderer.transport import LightTable
-from shaders import fresnel
-from shaders.shade import DirectionalLight, Points
+from fit_material.fitter.forward.pixel_model import (
+    BlurredByTable,
+    Body,
+    DirectLight,
+    ExactPixels,
+    PixelModel,
+    ViewerPixels,
+)
+from fit_material.fitter.least_squares.noise import even_whitening, relative_weight
+from fit_material.fitter.least_squares.residuals import ROBUST_AT, Residuals, huber
+from fit_material.fitter.materials.coordinates import (
+    TINT_WIDTH,
+    GlossyCoordinates,
+    Interval,
+    MatteCoordinates,
+    MetalCoordinates,
+)
+from fit_material.renderer.light_sampling.fresnel_basis import BEND
+from fit_material.renderer.light_tables.light_table import LightTable
+from fit_material.shaders.lights import DirectionalLight
+from fit_material.shaders.optics import fresnel
+from fit_material.shaders.shade import Points
 
 EPS = 2.0**-52
 

@@ -6,9 +6,9 @@ import pytest
 from PIL import Image as PillowImage
 from test_exposures import spec, srgb_codes
 
-from renderer.errors import InputError
-from renderer.exposures import expose
-from renderer.response import fitted_response
+from fit_material.renderer.errors.input_error import InputError
+from fit_material.renderer.photographs.exposure import expose
+from fit_material.renderer.photographs.response_curve import fitted_response
 
 TIMES = (1 / 32, 1 / 8, 1 / 2, 2)
 GAMMAS = np.array([1.6, 2.2, 2.8])

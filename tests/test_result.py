@@ -6,7 +6,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from pydantic import ValidationError
 
-from fitter.result import (
+from fit_material.fitter.result.schema import (
     Correlation,
     Determined,
     Effect,
@@ -26,8 +26,8 @@ from fitter.result import (
     read_result,
     write_result,
 )
-from renderer.digests import sha256_of
-from renderer.errors import InputError
+from fit_material.renderer.errors.input_error import InputError
+from fit_material.renderer.files.digests import sha256_of
 
 PARAMETERS = {"n", "k", "f0", "alpha", "roughness", "color", "reflectance"}
 

@@ -12,12 +12,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 from test_selection import halves, photograph
 
-from fitter.sampled_view import ANGLE_BINS, histogram, sampled_views, taken_evenly
-from fitter.selection import choose_pixels
-from renderer import gbuffer
-from renderer.camera import Camera
-from renderer.mesh import Mesh, Shape, Sphere
-from renderer.visibility import sees_itself
+from fit_material.fitter.observations.pixel_selection import choose_pixels
+from fit_material.fitter.observations.view_sampling import ANGLE_BINS, histogram, sampled_views, taken_evenly
+from fit_material.renderer.cameras.camera import Camera
+from fit_material.renderer.geometry.mesh import Mesh, Shape, Sphere
+from fit_material.renderer.rays import gbuffer
+from fit_material.renderer.rays.self_visibility import sees_itself
 from tests.test_visibility import bowl
 
 

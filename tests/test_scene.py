@@ -10,10 +10,10 @@ import torch
 from hypothesis import given
 from hypothesis import strategies as st
 
-from renderer.camera import look_at
-from renderer.errors import InputError
-from renderer.mesh import Mesh, Sphere
-from renderer.scene import CameraSpec, camera_of, read_scene, read_shape
+from fit_material.renderer.cameras.camera import look_at
+from fit_material.renderer.errors.input_error import InputError
+from fit_material.renderer.geometry.mesh import Mesh, Sphere
+from fit_material.renderer.scene.scene_file import CameraSpec, camera_of, read_scene, read_shape
 
 CAMERA = """
 [photographs.camera]

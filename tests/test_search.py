@@ -9,27 +9,27 @@ from typing import Any
 import pytest
 import torch
 
-from fitter import search
-from fitter.choice import DECISIVE, fit_type
-from fitter.condensed import solved
-from fitter.fidelity import PRESETS, Fidelity, preset
-from fitter.nearest import nearest_metals
-from fitter.parameters import TINTS
-from fitter.search import Problem, anew, fit_material
-from fitter.selection import Observations
-from fitter.setting import Setting
-from fitter.solve import SOLVERS
-from fitter.survey import surveyed
-from fitter.uncertainty import spread
-from fitter.viewer_roughness import viewer_roughness
-from renderer import gbuffer
-from renderer.environment import Environment
-from renderer.gbuffer import GBuffer
-from renderer.mesh import Sphere
-from renderer.studio import studio
-from renderer.surroundings import surroundings
-from renderer.views import views
-from shaders.materials import Glossy, Material, Matte, Metal
+from fit_material.fitter.estimation import coarse_to_fine
+from fit_material.fitter.estimation.coarse_to_fine import Problem, anew, fit_material
+from fit_material.fitter.estimation.model_selection import DECISIVE, fit_type
+from fit_material.fitter.estimation.roughness_survey import surveyed
+from fit_material.fitter.estimation.viewer_roughness import viewer_roughness
+from fit_material.fitter.forward.lighting import Setting
+from fit_material.fitter.least_squares.covariance import spread
+from fit_material.fitter.least_squares.reduced_residuals import solved
+from fit_material.fitter.least_squares.solvers import SOLVERS
+from fit_material.fitter.materials.coordinates import TINTS
+from fit_material.fitter.metal_prior.nearest_metals import nearest_metals
+from fit_material.fitter.observations.pixel_selection import Observations
+from fit_material.fitter.options.fidelity import PRESETS, Fidelity, preset
+from fit_material.renderer.environment.environment import Environment
+from fit_material.renderer.geometry.mesh import Sphere
+from fit_material.renderer.rays import gbuffer
+from fit_material.renderer.rays.gbuffer import GBuffer
+from fit_material.renderer.synthesis.camera_placement import views
+from fit_material.renderer.synthesis.studio import studio
+from fit_material.renderer.viewer_model.viewer_light import surroundings
+from fit_material.shaders.materials.types import Glossy, Material, Matte, Metal
 
 
 @pytest.fixture(scope="module")
@@ -165,7 +165,7 @@ def test_only_the_last_round_looks_for_the_metal_everywhere(light, monkeypatch):
         starts.append(len(started))
         return solved(residuals, started, solver)
 
-    monkeypatch.setattr(search, "solved", counted)
+    monkeypatch.setattr(coarse_to_fine, "solved", counted)
     fidelity = replace(preset("preview"), spans=(1.5, 1.3, 1.1))
     fit_material(problem_of(gold(0.2), surface_of(24, 2), light, fidelity), "metal")
     assert starts[:2] == [1, 1]

@@ -10,14 +10,14 @@ import pytest
 import torch
 import trimesh
 
-from fitter import selection
-from fitter.photographs import Photograph
-from fitter.selection import ANGLE_BINS, EDGED, choose_pixels
-from renderer import gbuffer
-from renderer.camera import Camera, look_at
-from renderer.errors import InputError
-from renderer.mesh import Mesh, Shape, Sphere
-from renderer.visibility import hidden_share
+from fit_material.fitter.observations import pixel_selection
+from fit_material.fitter.observations.photograph import Photograph
+from fit_material.fitter.observations.pixel_selection import ANGLE_BINS, EDGED, choose_pixels
+from fit_material.renderer.cameras.camera import Camera, look_at
+from fit_material.renderer.errors.input_error import InputError
+from fit_material.renderer.geometry.mesh import Mesh, Shape, Sphere
+from fit_material.renderer.rays import gbuffer
+from fit_material.renderer.rays.self_visibility import hidden_share
 from tests.test_visibility import balls, bowl
 
 
@@ -119,9 +119,9 @@ def test_of_very_many_pixels_each_has_an_equal_chance(monkeypatch):
 
     Five of these are not exceeded once in 1000 in a thousand such tests.
     """
-    monkeypatch.setattr(selection, "MANY", 100)
+    monkeypatch.setattr(pixel_selection, "MANY", 100)
     generator = torch.Generator().manual_seed(0)
-    drawn = [selection._drawn(1000, 50, generator) for _ in range(600)]
+    drawn = [pixel_selection._drawn(1000, 50, generator) for _ in range(600)]
     assert all(len(each.unique()) == len(each) == 50 for each in drawn)
     counts = torch.bincount(torch.cat(drawn), minlength=1000)
     assert (counts - 30).abs().max() < 5 * 5.3
@@ -131,7 +131,7 @@ def test_of_very_many_pixels_each_has_an_equal_chance(monkeypatch):
 
 def test_a_sample_of_very_many_pixels_is_spread_over_the_angles_as_all_are(monkeypatch):
     every = choose(photograph())
-    monkeypatch.setattr(selection, "MANY", 100)
+    monkeypatch.setattr(pixel_selection, "MANY", 100)
     some = choose(photograph())
     assert len(some.radiance) == len(every.radiance) == 800
     histograms = [torch.histc(each.surface.n_dot_v.mean(1).float(), 8, 0, 1) for each in (every, some)]

@@ -10,16 +10,16 @@ import pytest
 import torch
 from PIL import Image
 
-from renderer.environment import Environment
-from renderer.images import read_image
-from renderer.model import read_model
-from renderer.surroundings import surroundings
-from renderer.viewer import session as session_module
-from renderer.viewer.compare import Photographs
-from renderer.viewer.eye import Eye
-from renderer.viewer.look import Look
-from renderer.viewer.session import Session, Subject
-from shaders.tone_mapping import tone_mapped
+from fit_material.renderer.environment.environment import Environment
+from fit_material.renderer.images.image_file import read_image
+from fit_material.renderer.viewer import session as session_module
+from fit_material.renderer.viewer.compare import Photographs
+from fit_material.renderer.viewer.eye import Eye
+from fit_material.renderer.viewer.look import Look
+from fit_material.renderer.viewer.session import Session, Subject
+from fit_material.renderer.viewer_model.model import read_model
+from fit_material.renderer.viewer_model.viewer_light import surroundings
+from fit_material.shaders.tone_mapping import tone_mapped
 
 SIZE = 24, 16
 CUBE = """mtllib cube.thesis.mtl

@@ -9,9 +9,10 @@ import torch
 from hypothesis import given
 from hypothesis import strategies as st
 
-from shaders import diffuse, lobe
-from shaders.materials import Glossy, Matte, Metal
-from shaders.shade import DirectionalLight, Light, Points, double_bounce, reflection, shade
+from fit_material.shaders.lights import DirectionalLight
+from fit_material.shaders.materials.types import Glossy, Matte, Metal
+from fit_material.shaders.optics import blur, diffuse
+from fit_material.shaders.shade import Light, Points, double_bounce, reflection, shade
 
 DTYPES = [torch.float32, torch.float64]
 GOLD = (0.146, 0.425, 1.431), (3.578, 2.326, 1.85)
@@ -149,7 +150,7 @@ def test_a_lamps_reflection_is_a_normal_density_of_its_distance(rho):
     distance = torch.linspace(0, 2, 9, dtype=torch.float64)
     sine = distance * (1 - distance**2 / 4).sqrt()  # of the angle whose chord is `distance`
     r = torch.stack([sine, 1 - distance**2 / 2, 0 * sine], -1)
-    found = lobe.light_reflection(r, towards, float64(rho))[:, 0].numpy()
+    found = blur.light_reflection(r, towards, float64(rho))[:, 0].numpy()
     sigma = rho / 2
     expected = np.exp(-(distance.numpy() ** 2) / (2 * sigma**2)) / (sigma * weights.sum())  # Σ w = √(2π)
     np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-300)
@@ -178,8 +179,8 @@ def test_light_in_creases_is_reflected_once_or_twice(f, openness):
 def test_nearer_things_are_less_blurred_but_lamps_are_as_before(depth):
     f, rho = torch.ones(1, 3).double(), float64(0.8)
     near = Light(sky, AMBIENT, lambda directions: torch.full(directions.shape[:-1], depth).double(), (SUN,))
-    lamp = SUN.radiance * lobe.light_reflection(POINTS.reflected, SUN.towards, rho)
-    expected = lobe.blur(sky, POINTS.reflected, rho * depth) + lamp
+    lamp = SUN.radiance * blur.light_reflection(POINTS.reflected, SUN.towards, rho)
+    expected = blur.blur(sky, POINTS.reflected, rho * depth) + lamp
     torch.testing.assert_close(reflection(f, rho, POINTS, near), expected)
 
 

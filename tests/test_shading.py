@@ -8,18 +8,19 @@ import pytest
 import torch
 import trimesh
 
-from renderer import gbuffer, shading
-from renderer.camera import Camera, look_at
-from renderer.cubemap import Cubemap
-from renderer.environment import Environment, directions
-from renderer.mesh import Mesh, Sphere
-from renderer.model import Appearance, Maps, Model
-from renderer.scene import LightSpec
-from renderer.shading import applicable, render, render_shape, shade_surface
-from renderer.surroundings import Surroundings, surroundings
-from renderer.textures import Texture
-from shaders import diffuse
-from shaders.materials import Glossy, Matte, Metal
+from fit_material.renderer.cameras.camera import Camera, look_at
+from fit_material.renderer.environment.cubemap import Cubemap
+from fit_material.renderer.environment.environment import Environment, directions
+from fit_material.renderer.geometry.mesh import Mesh, Sphere
+from fit_material.renderer.images.textures import Texture
+from fit_material.renderer.rays import gbuffer
+from fit_material.renderer.scene.scene_file import LightSpec
+from fit_material.renderer.viewer_model import shading
+from fit_material.renderer.viewer_model.model import Appearance, Maps, Model
+from fit_material.renderer.viewer_model.shading import applicable, render, render_shape, shade_surface
+from fit_material.renderer.viewer_model.viewer_light import Surroundings, surroundings
+from fit_material.shaders.materials.types import Glossy, Matte, Metal
+from fit_material.shaders.optics import diffuse
 
 GOLD = (0.146, 0.425, 1.431), (3.578, 2.326, 1.85)
 

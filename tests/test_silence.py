@@ -9,7 +9,7 @@ import threading
 
 import pytest
 
-from renderer.silence import redirected
+from fit_material.renderer.compute.silence import redirected
 
 
 def test_what_is_written_past_python_goes_to_the_target_and_later_to_the_stream_again(capfd, tmp_path):
@@ -62,7 +62,7 @@ def test_threads_whose_blocks_overlap_leave_the_streams_as_they_were(tmp_path):
 
 IN_ONE = """
 import os, tempfile
-from renderer.silence import redirected
+from fit_material.renderer.compute.silence import redirected
 with tempfile.TemporaryFile() as target:
     with redirected((1, 2), target.fileno()):
         os.write(1, b"one ")
@@ -90,7 +90,8 @@ def test_closed_streams_are_closed_again_though_the_target_took_their_place(clos
 
 def test_dr_jit_is_imported_and_an_exr_read_where_standard_error_is_closed(tmp_path):
     code = (
-        "import sys, numpy; import renderer, drjit; from renderer.images import write_exr, read_image;"
+        "import sys, numpy; import fit_material.renderer, drjit;"
+        "from fit_material.renderer.images.image_file import write_exr, read_image;"
         "write_exr(sys.argv[1], numpy.ones((2, 3, 3), numpy.float32)); print(read_image(sys.argv[1]).radiance.shape)"
     )
     command = ["sh", "-c", 'exec "$0" -c "$1" "$2" 2>&-', sys.executable, code, tmp_path / "a.exr"]

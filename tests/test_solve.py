@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 import torch
 
-from fitter.solve import SOLVERS, WRITTEN_BY_JAX, Residual, levenberg_marquardt
+from fit_material.fitter.least_squares.solvers import SOLVERS, WRITTEN_BY_JAX, Residual, levenberg_marquardt
 
 
 def float64(value) -> torch.Tensor:
@@ -148,7 +148,7 @@ def hook(event, arguments):
     if event == "os.putenv" and threading.current_thread() is not threading.main_thread():
         added.extend(each for each in arguments[:1] if each not in os.environb)
 sys.addaudithook(hook)
-from fitter.solve import compiling
+from fit_material.fitter.least_squares.solvers import compiling
 compiling().result()
 assert "jax" in sys.modules
 print(added)

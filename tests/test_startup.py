@@ -16,7 +16,7 @@ PLENTY = 1000  # modules; typer and rich bring some 400, torch alone over 1500
 
 def run(*arguments: str) -> tuple[subprocess.CompletedProcess[str], set[str]]:
     """Run the command in a fresh interpreter: how it ended, and every module that it had imported by then."""
-    code = f"import sys; sys.argv[1:] = {list(arguments)}; from fitter.cli import main; main()"
+    code = f"import sys; sys.argv[1:] = {list(arguments)}; from fit_material.fitter.commands.app import main; main()"
     done = subprocess.run(
         [sys.executable, "-X", "importtime", "-c", code],
         capture_output=True,
@@ -36,7 +36,7 @@ def heavy(modules: set[str]) -> set[str]:
 
 def test_the_list_of_modules_is_whole():
     _, modules = run("export", "no-such-result.json", "-o", "nowhere")
-    assert {"typer", "fitter.cli", "fitter.result", "pydantic"} <= modules
+    assert {"typer", "fit_material.fitter.commands.app", "fit_material.fitter.result.schema", "pydantic"} <= modules
 
 
 def test_version():

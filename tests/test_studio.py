@@ -5,9 +5,10 @@ import itertools
 import numpy as np
 import pytest
 
-from renderer.environment import directions
-from renderer.studio import studio, sun_and_sky, texel_solid_angles
-from renderer.to_mitsuba import mitsuba
+from fit_material.renderer.environment.environment import directions
+from fit_material.renderer.environment.latlong import texel_solid_angles
+from fit_material.renderer.mitsuba.conversion import mitsuba
+from fit_material.renderer.synthesis.studio import studio, sun_and_sky
 
 pytestmark = pytest.mark.dr_jit
 

@@ -8,12 +8,13 @@ import torch
 from hypothesis import given
 from hypothesis import strategies as st
 
-from renderer import cubemap, latlong
-from renderer.environment import Environment
-from renderer.scene import LightSpec
-from renderer.studio import studio
-from renderer.surroundings import VIEWER_FACE_SIZE, directional_light, harmonic_moments, surroundings
-from shaders import diffuse
+from fit_material.renderer.environment import cubemap, latlong
+from fit_material.renderer.environment.environment import Environment
+from fit_material.renderer.scene.lights import directional_light
+from fit_material.renderer.scene.scene_file import LightSpec
+from fit_material.renderer.synthesis.studio import studio
+from fit_material.renderer.viewer_model.viewer_light import VIEWER_FACE_SIZE, harmonic_moments, surroundings
+from fit_material.shaders.optics import diffuse
 
 
 def noise(height: int, width: int, rotation: float = 0.0) -> Environment:

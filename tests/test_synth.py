@@ -9,19 +9,20 @@ import numpy as np
 import pytest
 import torch
 
-from renderer.camera import Camera, look_at
-from renderer.environment import Environment, directions, read_environment
-from renderer.errors import InputError
-from renderer.images import read_image, write_exr
-from renderer.mesh import Mesh, Sphere
-from renderer.path_tracer import render
-from renderer.scene import camera_of, read_scene, read_shape
-from renderer.studio import studio
-from renderer.synth import SynthOptions, synthesise
-from renderer.to_mitsuba import conductor, mitsuba, variant_here
-from renderer.truth import TrueMetal
-from renderer.views import views
-from shaders.fresnel import conductor as fresnel_conductor
+from fit_material.renderer.cameras.camera import Camera, look_at
+from fit_material.renderer.environment.environment import Environment, directions
+from fit_material.renderer.environment.environment_file import read_environment
+from fit_material.renderer.errors.input_error import InputError
+from fit_material.renderer.geometry.mesh import Mesh, Sphere
+from fit_material.renderer.images.image_file import read_image, write_exr
+from fit_material.renderer.materials.ground_truth import TrueMetal
+from fit_material.renderer.mitsuba.conversion import conductor, mitsuba, variant_here
+from fit_material.renderer.path_tracing.path_tracer import render
+from fit_material.renderer.scene.scene_file import camera_of, read_scene, read_shape
+from fit_material.renderer.synthesis.camera_placement import views
+from fit_material.renderer.synthesis.studio import studio
+from fit_material.renderer.synthesis.synthesise import SynthOptions, synthesise
+from fit_material.shaders.optics.fresnel import conductor as fresnel_conductor
 
 SIZE = 24
 SPECULAR = 0.001  # alpha of all but a mirror

@@ -14,19 +14,19 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from renderer.camera import Camera, look_at
-from renderer.environment import Environment
-from renderer.errors import InputError
-from renderer.images import read_image
-from renderer.mesh import Mesh, Sphere, read_mesh
-from renderer.path_tracer import render
-from renderer.scene import LightSpec, read_scene, read_shape
-from renderer.surroundings import directional_light
-from renderer.synth import SynthOptions, synthesise
-from renderer.to_mitsuba import bsdf_of, diffuse, mitsuba, plastic
-from renderer.truth import TrueGlossy, TrueMatte, TrueMetal
-from renderer.views import views
-from shaders.fresnel import conductor
+from fit_material.renderer.cameras.camera import Camera, look_at
+from fit_material.renderer.environment.environment import Environment
+from fit_material.renderer.errors.input_error import InputError
+from fit_material.renderer.geometry.mesh import Mesh, Sphere, read_mesh
+from fit_material.renderer.images.image_file import read_image
+from fit_material.renderer.materials.ground_truth import TrueGlossy, TrueMatte, TrueMetal
+from fit_material.renderer.mitsuba.conversion import bsdf_of, diffuse, mitsuba, plastic
+from fit_material.renderer.path_tracing.path_tracer import render
+from fit_material.renderer.scene.lights import directional_light
+from fit_material.renderer.scene.scene_file import LightSpec, read_scene, read_shape
+from fit_material.renderer.synthesis.camera_placement import views
+from fit_material.renderer.synthesis.synthesise import SynthOptions, synthesise
+from fit_material.shaders.optics.fresnel import conductor
 from tests import solids
 from tests.solids import CLAY, COLORS, GOLD, KEYS, NAMES, RED, SIZE, grey_map, materials_seen, truth_of
 

@@ -10,13 +10,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from renderer.environment import directions
-from renderer.images import read_image, write_exr
-from renderer.mesh import Sphere, read_mesh
-from renderer.scene import LightSpec
-from renderer.synth import SynthOptions, synthesise
-from renderer.truth import TrueGlossy, TrueMaterial, TrueMatte, TrueMetal
-from renderer.views import views
+from fit_material.renderer.environment.environment import directions
+from fit_material.renderer.geometry.mesh import Sphere, read_mesh
+from fit_material.renderer.images.image_file import read_image, write_exr
+from fit_material.renderer.materials.ground_truth import TrueGlossy, TrueMaterial, TrueMatte, TrueMetal
+from fit_material.renderer.scene.scene_file import LightSpec
+from fit_material.renderer.synthesis.camera_placement import views
+from fit_material.renderer.synthesis.synthesise import SynthOptions, synthesise
 from tests import solids
 from tests.solids import CLAY, COLORS, GOLD, KEYS, NAMES, SIZE, ball_seen, grey_map, materials_seen, truth_of
 

@@ -8,9 +8,9 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from torch.nn.functional import normalize
 
-from renderer.mesh import Mesh
-from renderer.tangents import tangents, with_mirrored_apart
-from shaders.normal_map import perturbed
+from fit_material.renderer.geometry.mesh import Mesh
+from fit_material.renderer.geometry.tangents import tangents, with_mirrored_apart
+from fit_material.shaders.normal_map import perturbed
 
 
 def grid_mesh(surface, uv_of=lambda p: p, size=33) -> Mesh:

@@ -11,16 +11,16 @@ import torch
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fitter.color_map_rows import Rows
-from fitter.color_map_solve import solve, texture_size
-from fitter.pixel_model import PixelModel
-from fitter.spots import _interpolated, _interpolated_width
-from fitter.textured_pixels import SpottedPixels, TintedPixels
-from renderer.gbuffer import equal_weight_nodes
-from renderer.mesh import read_mesh
-from renderer.textures import Texture, lookup, texel_weights
-from renderer.unwrapped import Unwrapped, filled, unwrapped
-from shaders.materials import Glossy, Matte
+from fit_material.fitter.forward.pixel_model import PixelModel
+from fit_material.fitter.forward.textured_pixels import SpottedPixels, TintedPixels
+from fit_material.fitter.observations.multi_view_points import _interpolated, _interpolated_width
+from fit_material.fitter.textures.texel_equations import Rows
+from fit_material.fitter.textures.texel_solver import solve, texture_size
+from fit_material.renderer.geometry.mesh import read_mesh
+from fit_material.renderer.images.textures import Texture, lookup, texel_weights
+from fit_material.renderer.rays.gbuffer import equal_weight_nodes
+from fit_material.renderer.rays.uv_atlas import Unwrapped, filled, unwrapped
+from fit_material.shaders.materials.types import Glossy, Matte
 from tests.textured import ball, pattern, seen_at
 
 RANDOM = torch.Generator().manual_seed(0)

@@ -9,8 +9,8 @@ from hypothesis.extra.numpy import arrays
 from PIL import Image
 from scipy.ndimage import map_coordinates
 
-from renderer.errors import InputError
-from renderer.textures import Texture, lookup, read_texture
+from fit_material.renderer.errors.input_error import InputError
+from fit_material.renderer.images.textures import Texture, lookup, read_texture
 from tests.srgb_curve import decoded
 
 CODES = np.arange(2 * 3 * 3, dtype=np.uint8).reshape(2, 3, 3) * 14

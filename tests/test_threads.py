@@ -6,7 +6,7 @@ import sys
 
 import pytest
 
-from renderer.threads import map_in_threads, one_ahead
+from fit_material.renderer.compute.threads import map_in_threads, one_ahead
 
 
 @pytest.mark.parametrize("cores", [None, 3])

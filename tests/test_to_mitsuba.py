@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 import torch
 
-from renderer.camera import Camera, look_at
-from renderer.environment import Environment
-from renderer.errors import InputError
-from renderer.mesh import Mesh, Sphere
-from renderer.to_mitsuba import conductor, envmap, mitsuba, mitsuba_shape, sensor, variant_here
+from fit_material.renderer.cameras.camera import Camera, look_at
+from fit_material.renderer.environment.environment import Environment
+from fit_material.renderer.errors.input_error import InputError
+from fit_material.renderer.geometry.mesh import Mesh, Sphere
+from fit_material.renderer.mitsuba.conversion import conductor, envmap, mitsuba, mitsuba_shape, sensor, variant_here
 
 pytestmark = pytest.mark.dr_jit
 
@@ -123,7 +123,7 @@ def test_an_unknown_variant_is_answered_with_the_known_ones():
 
 
 def test_without_llvm_the_user_learns_which_package_to_install():
-    code = "from renderer.to_mitsuba import mitsuba; mitsuba('llvm_ad_rgb')"
+    code = "from fit_material.renderer.mitsuba.conversion import mitsuba; mitsuba('llvm_ad_rgb')"
     environment = {**os.environ, "FIT_MATERIAL_LLVM": "none"}
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, env=environment)
     assert "InputError: --variant: is llvm_ad_rgb, expected LLVM's shared library" in done.stderr
@@ -132,7 +132,7 @@ def test_without_llvm_the_user_learns_which_package_to_install():
 
 @pytest.mark.parametrize("without", [False, True])
 def test_the_fast_variant_is_taken_where_llvm_is_and_else_the_one_that_needs_nothing(without):
-    code = "from renderer.to_mitsuba import variant_here; print(variant_here())"
+    code = "from fit_material.renderer.mitsuba.conversion import variant_here; print(variant_here())"
     environment = {**os.environ, **({"FIT_MATERIAL_LLVM": "none"} if without else {})}
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, env=environment, check=True)
     expected = "scalar_rgb" if without or not has_llvm() else "llvm_ad_rgb"

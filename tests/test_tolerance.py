@@ -9,9 +9,10 @@ import torch
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fitter.fidelity import PRESETS, Fidelity
-from fitter.search import Problem, fit_material
-from fitter.tolerance import (
+from fit_material.fitter.estimation.coarse_to_fine import Problem, fit_material
+from fit_material.fitter.least_squares.covariance import integration_share
+from fit_material.fitter.options.fidelity import PRESETS, Fidelity
+from fit_material.fitter.uncertainty.tolerance import (
     AIM,
     FIRST_PIXELS,
     FIRST_SAMPLES,
@@ -22,12 +23,11 @@ from fitter.tolerance import (
     outlook_of,
     require_tolerance,
 )
-from fitter.uncertainty import integration_share
-from renderer import chebyshev
-from renderer.environment import Environment
-from renderer.errors import InputError
-from renderer.studio import studio
-from renderer.transport import LightTable
+from fit_material.renderer.compute import chebyshev
+from fit_material.renderer.environment.environment import Environment
+from fit_material.renderer.errors.input_error import InputError
+from fit_material.renderer.light_tables.light_table import LightTable
+from fit_material.renderer.synthesis.studio import studio
 from tests.test_search import gold, problem_of, surface_of
 
 CHANNELS = {"red": 0, "green": 1, "blue": 2}

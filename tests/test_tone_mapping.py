@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from kornia.color import rgb_to_linear_rgb
 from torch.testing import assert_close
 
-from shaders.tone_mapping import CURVES, REINHARD_WHITE, aces, reinhard, srgb, tone_mapped
+from fit_material.shaders.tone_mapping import CURVES, REINHARD_WHITE, aces, reinhard, srgb, tone_mapped
 
 channels = st.floats(0, 2.0**127, width=32)
 

@@ -8,15 +8,17 @@ import numpy as np
 import pytest
 import torch
 
-from renderer import cubemap, latlong, reflectance_basis, transport
-from renderer.camera import Camera, look_at
-from renderer.cubemap import Cubemap
-from renderer.environment import Environment
-from renderer.fused_table import fused_available
-from renderer.gbuffer import GBuffer, pixel_footprints, tracer
-from renderer.mesh import Sphere
-from renderer.to_mitsuba import conductor, envmap, mitsuba, mitsuba_shape, sensor
-from shaders import fresnel, lobe
+from fit_material.renderer.cameras.camera import Camera, look_at
+from fit_material.renderer.environment import cubemap, latlong
+from fit_material.renderer.environment.cubemap import Cubemap
+from fit_material.renderer.environment.environment import Environment
+from fit_material.renderer.geometry.mesh import Sphere
+from fit_material.renderer.light_kernel.table import fused_available
+from fit_material.renderer.light_sampling import fresnel_basis
+from fit_material.renderer.light_tables import light_table
+from fit_material.renderer.mitsuba.conversion import conductor, envmap, mitsuba, mitsuba_shape, sensor
+from fit_material.renderer.rays.gbuffer import GBuffer, pixel_footprints, tracer
+from fit_material.shaders.optics import blur, fresnel
 from tests.quadrature import albedo
 
 GOLD = (0.146, 0.425, 1.431), (3.578, 2.326, 1.85)
@@ -28,7 +30,7 @@ def integrator(request, monkeypatch):
     """Each of the two ways to integrate a table, as if it were the only one."""
     if request.param == "fused" and not fused_available():
         pytest.skip("LLVM's library is absent")
-    monkeypatch.setattr(transport, "fused_available", lambda: request.param == "fused")
+    monkeypatch.setattr(light_table, "fused_available", lambda: request.param == "fused")
 
 
 def lit_room(rotation: float = 0.0) -> Environment:
@@ -71,13 +73,13 @@ def ball(size: int, side: int = 8) -> tuple[Camera, torch.Tensor, torch.Tensor, 
 
 def table_at(surface: GBuffer, environment: Environment, alpha: float, distribution="ggx", **options):
     options = {"degree": 6, "samples": 256, "seed": 1} | options
-    return transport.microfacet_table(surface, environment, (alpha, alpha, 1), distribution=distribution, **options)
+    return light_table.microfacet_table(surface, environment, (alpha, alpha, 1), distribution=distribution, **options)
 
 
-def shaded(table: transport.LightTable, alpha: float, reflectance) -> torch.Tensor:
+def shaded(table: light_table.LightTable, alpha: float, reflectance) -> torch.Tensor:
     light = table.mean(torch.float64)
-    coefficients = reflectance_basis.coefficients(reflectance, light.shape[2], light)
-    return transport.radiance(light, table.level_weights(light.new_tensor(alpha)), coefficients)
+    coefficients = fresnel_basis.coefficients(reflectance, light.shape[2], light)
+    return light_table.radiance(light, table.level_weights(light.new_tensor(alpha)), coefficients)
 
 
 def white(cos_d: torch.Tensor) -> torch.Tensor:
@@ -222,7 +224,7 @@ def test_levels_between_are_interpolated():
     errors = {}
     for count in (4, 8):
         options = {"distribution": "ggx", "degree": 6, "samples": 65536, "seed": 3}
-        table = transport.microfacet_table(surface, dusk(), (low, high, count), **options)
+        table = light_table.microfacet_table(surface, dusk(), (low, high, count), **options)
         errors[count] = max(
             (shaded(table, alpha, metal()) / shaded(table_at(surface, dusk(), alpha, **options), alpha, metal()) - 1)
             .abs()
@@ -237,14 +239,14 @@ def test_levels_between_are_interpolated():
 
 
 def test_roughness_beyond_the_levels_is_the_ends():
-    table = transport.microfacet_table(
+    table = light_table.microfacet_table(
         facing([0.5]), lit_room(), (0.1, 0.4, 3), distribution="ggx", degree=4, samples=64, seed=1
     )
     for alpha, expected in ((0.01, [1, 0, 0]), (0.1, [1, 0, 0]), (0.2, [0, 1, 0]), (0.4, [0, 0, 1]), (0.9, [0, 0, 1])):
         found = table.level_weights(torch.tensor(alpha, dtype=torch.float64))
         torch.testing.assert_close(found, torch.tensor(expected).double(), atol=1e-12, rtol=0)
-    assert transport.levels(0.1, 0.4, 3, "log") == pytest.approx([0.1, 0.2, 0.4])
-    assert transport.levels(0.1, 0.4, 3, "linear") == pytest.approx([0.1, 0.25, 0.4])
+    assert light_table.levels(0.1, 0.4, 3, "log") == pytest.approx([0.1, 0.2, 0.4])
+    assert light_table.levels(0.1, 0.4, 3, "linear") == pytest.approx([0.1, 0.25, 0.4])
 
 
 @pytest.mark.usefixtures("integrator")
@@ -253,7 +255,7 @@ def test_the_basis_is_all_that_a_table_knows():
     surface, f0 = facing([0.1, 0.4, 0.9]), torch.tensor([0.95, 0.5, 0.04], dtype=torch.float64)
 
     def reflectance(cos_d: torch.Tensor) -> torch.Tensor:
-        return f0 + (1 - f0) * ((1 - reflectance_basis.position(cos_d)) / 2) ** 5
+        return f0 + (1 - f0) * ((1 - fresnel_basis.position(cos_d)) / 2) ** 5
 
     exact = shaded(table_at(surface, lit_room(), 0.3, degree=16), 0.3, reflectance)
     six, four = (shaded(table_at(surface, lit_room(), 0.3, degree=degree), 0.3, reflectance) for degree in (6, 4))
@@ -268,10 +270,10 @@ def test_polynomials_converge_for_every_metal(name):
     surface = facing([0.1, 0.4, 0.9])
     exact = shaded(table_at(surface, lit_room(), 0.3, degree=32), 0.3, metal(n, k))
     cos_d = torch.linspace(0, 1, 2001, dtype=torch.float64)[:, None]
-    curve, position = metal(n, k)(cos_d), reflectance_basis.position(cos_d[:, 0]).numpy()
+    curve, position = metal(n, k)(cos_d), fresnel_basis.position(cos_d[:, 0]).numpy()
     for degree in (4, 8, 16):
         found = shaded(table_at(surface, lit_room(), 0.3, degree=degree), 0.3, metal(n, k))
-        coefficients = reflectance_basis.coefficients(metal(n, k), degree, torch.zeros(1).double())
+        coefficients = fresnel_basis.coefficients(metal(n, k), degree, torch.zeros(1).double())
         fitted = torch.from_numpy(np.polynomial.chebyshev.chebval(position, coefficients.numpy()).T)
         # light is a sum of F(cos_d) with weights >= 0 that add up to the white picture
         bound = (fitted - curve).abs().max(0).values * shaded(table_at(surface, lit_room(), 0.3), 0.3, white)
@@ -302,7 +304,7 @@ def test_the_blur_is_the_models(rho):
     expected = forty_nine_taps(cube, r, rho)
     # float32 directions move a lookup by ε · 6 texels · 3 at a cube's corner
     torch.testing.assert_close(
-        lobe.blur(functools.partial(cubemap.lookup, cube), r, torch.tensor(rho)), expected, atol=1e-5, rtol=0
+        blur.blur(functools.partial(cubemap.lookup, cube), r, torch.tensor(rho)), expected, atol=1e-5, rtol=0
     )
     if rho == 0:
         torch.testing.assert_close(expected, cubemap.lookup(cube, r), atol=1e-5, rtol=0)
@@ -311,7 +313,7 @@ def test_the_blur_is_the_models(rho):
 def test_tap_tables_are_the_blur_around_the_mirrored_view():
     *_, surface = ball(8, side=1)
     surface, cube = surface[::2, 0], random_cube()
-    table = transport.tap_table(surface, cube, (0.0, 0.6, 3))
+    table = light_table.tap_table(surface, cube, (0.0, 0.6, 3))
     for rho in (0.0, 0.3, 0.6):
         n_dot_v = (surface.normal * surface.view).sum(-1, keepdim=True)
         mirrored = (2 * n_dot_v * surface.normal - surface.view).float()
@@ -370,7 +372,7 @@ def test_turning_the_light_is_rolling_its_map():
 def test_the_same_seed_gives_the_same_table():
     surface, told = facing([0.2, 0.7]), []
     one, again, other = (
-        transport.microfacet_table(
+        light_table.microfacet_table(
             surface,
             lit_room(),
             (0.1, 0.5, 2),
@@ -405,7 +407,7 @@ def test_double_precision_finds_the_same_light(distribution):
     standard errors the mean square is 1 ± 0.18; halves of few samples make it up to 2."""
     surface, light = facing([0.3, 0.6, 0.9]), lit_room()
     tables = [
-        transport.microfacet_table(
+        light_table.microfacet_table(
             surface, replace(light, radiance=light.radiance.to(dtype)), (0.2, 0.4, 3), distribution=distribution,
             degree=4, samples=4096, seed=1,
         )
@@ -422,15 +424,15 @@ def test_the_converged_blur_is_the_gaussians_integral():
     err by less than 1/samples of its change over the lobe."""
     environment, rho = dusk(), 0.5
     surface = GBuffer(*[part[:, 0] for part in vars(facing([0.4, 0.8])).values()])
-    table = transport.gaussian_table(surface, environment, (rho, rho, 1), 4096, seed=3)
+    table = light_table.gaussian_table(surface, environment, (rho, rho, 1), 4096, seed=3)
     nodes, weights = np.polynomial.hermite_e.hermegauss(48)
     weights = weights / weights.sum()
-    k_h, k_v = lobe.tap_axes(transport.reflect(surface))
+    k_h, k_v = blur.tap_axes(light_table.reflect(surface))
     expected = torch.zeros(2, 3, dtype=torch.float64)
     light = latlong.of(environment)
     for x, u in zip(nodes, weights, strict=True):
         for y, v in zip(nodes, weights, strict=True):
-            towards = transport.reflect(surface) + rho / 2 * (x * k_h + y * k_v)
+            towards = light_table.reflect(surface) + rho / 2 * (x * k_h + y * k_v)
             towards = torch.nn.functional.normalize(towards, dim=-1)
             expected += u * v * latlong.lookup(light, *towards.unbind(-1)).double()
     torch.testing.assert_close(table.mean(torch.float64)[0, :, 0], expected, rtol=2e-3, atol=0)
@@ -438,6 +440,6 @@ def test_the_converged_blur_is_the_gaussians_integral():
 
 def test_the_converged_blurs_halves_are_other_samples():
     surface = GBuffer(*[part[:, 0] for part in vars(facing([0.4, 0.8])).values()])
-    table = transport.gaussian_table(surface, lit_room(), (0.1, 0.5, 3), 64, seed=3)
+    table = light_table.gaussian_table(surface, lit_room(), (0.1, 0.5, 3), 64, seed=3)
     assert table.light.shape == (2, 3, 2, 1, 3)
     assert (table.light[0] != table.light[1]).any()

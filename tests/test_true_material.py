@@ -11,12 +11,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fitter import cli
-from fitter.catalogue import metal
-from fitter.material_file import read_materials
-from fitter.true_material import shading_model, true_material, with_default_alpha
-from renderer.errors import InputError
-from renderer.truth import TrueGlossy, TrueMatte, TrueMetal
+from fit_material.fitter.commands import app
+from fit_material.renderer.errors.input_error import InputError
+from fit_material.renderer.materials.catalogue import metal
+from fit_material.renderer.materials.ground_truth import TrueGlossy, TrueMatte, TrueMetal
+from fit_material.renderer.materials.material_arguments import shading_model, true_material, with_default_alpha
+from fit_material.renderer.materials.material_file import read_materials
 
 RED, PALE = (0.6, 0.1, 0.05), (0.04, 0.04, 0.04)
 SAID = {"metal": "Au", "n": RED, "k": PALE, "color": RED, "reflectance": PALE, "alpha": 0.3, "roughness": 0.4}
@@ -155,7 +155,7 @@ def synth(monkeypatch, *arguments: object) -> None:
     """Run the command inside this process."""
     monkeypatch.setattr(sys, "argv", ["fit-material", "synth", *map(str, arguments)])
     with pytest.raises(SystemExit) as ended:
-        cli.main()
+        app.main()
     assert ended.value.code in (0, 2)
 
 

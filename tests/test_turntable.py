@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from renderer.errors import InputError
-from renderer.viewer.eye import Eye
-from renderer.viewer.turntable import free_name, turntable
+from fit_material.renderer.errors.input_error import InputError
+from fit_material.renderer.viewer.eye import Eye
+from fit_material.renderer.viewer.turntable import free_name, turntable
 
 EYE = Eye((1.0, 2.0, 3.0), 4.0, yaw=0.5, pitch=-0.2)
 

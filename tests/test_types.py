@@ -10,13 +10,13 @@ import numpy as np
 import pytest
 import trimesh
 
-from fitter.fidelity import PRESETS
-from fitter.pipeline import FitOptions, fit_scene
-from fitter.result import FittedMaterial, Result
-from renderer.mtl import read_mtl
-from renderer.scene import LightSpec
-from renderer.synth import SynthOptions, synthesise
-from renderer.truth import TrueGlossy, TrueMaterial, TrueMatte, TrueMetal
+from fit_material.fitter.options.fidelity import PRESETS
+from fit_material.fitter.pipeline.fit_scene import FitOptions, fit_scene
+from fit_material.fitter.result.schema import FittedMaterial, Result
+from fit_material.renderer.materials.ground_truth import TrueGlossy, TrueMaterial, TrueMatte, TrueMetal
+from fit_material.renderer.materials.mtl_reader import read_mtl
+from fit_material.renderer.scene.scene_file import LightSpec
+from fit_material.renderer.synthesis.synthesise import SynthOptions, synthesise
 
 FIDELITY = replace(PRESETS["standard"], pixels=2000, footprint=2)
 GOLD = TrueMetal((0.146, 0.425, 1.431), (3.578, 2.326, 1.85), 0.2)

@@ -9,7 +9,14 @@ from typing import Any
 import pytest
 import torch
 
-from fitter.uncertainty import Spread, intervals95, is_determined, spread, standard_errors, unbiased
+from fit_material.fitter.least_squares.covariance import (
+    Spread,
+    intervals95,
+    is_determined,
+    spread,
+    standard_errors,
+    unbiased,
+)
 
 pytestmark = pytest.mark.fits
 

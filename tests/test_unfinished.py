@@ -13,16 +13,16 @@ from pathlib import Path
 import pytest
 from test_result import result
 
-from fitter.batch.batch import alone_in
-from fitter.export import export
-from renderer.atomic import replaced_together, write_bytes_atomically, write_text_atomically
-from renderer.unfinished import SILENT, prefix_here, unfinished_folder
+from fit_material.fitter.batch.batch import alone_in
+from fit_material.fitter.export.formats import export
+from fit_material.renderer.files.atomic import replaced_together, write_bytes_atomically, write_text_atomically
+from fit_material.renderer.files.unfinished import SILENT, prefix_here, unfinished_folder
 
-COMMAND = [sys.executable, "-m", "fitter.cli"]
+COMMAND = [sys.executable, "-m", "fit_material"]
 ENVIRONMENT = {**os.environ, "OMP_NUM_THREADS": "1"}
 HOLD = """
 import pathlib, sys, time
-from renderer.atomic import replaced_together
+from fit_material.renderer.files.atomic import replaced_together
 with replaced_together(pathlib.Path(sys.argv[1])) as folder:
     (folder / "half.txt").write_text("half")
     print(folder, flush=True)
@@ -162,6 +162,9 @@ def test_a_closed_terminal_ends_a_fit_as_ctrl_c_does(gold_scene, tmp_path):
 
 def test_nohup_is_obeyed(tmp_path):
     """What was ignored when the program began stays so."""
-    code = "import signal; from fitter.cli import _watch_for_interrupts as w; w(); print(signal.getsignal(1).name)"
+    code = (
+        "import signal; from fit_material.fitter.commands.app import _watch_for_interrupts;"
+        "_watch_for_interrupts(); print(signal.getsignal(1).name)"
+    )
     command = ["sh", "-c", 'trap "" HUP; exec "$@"', "sh", sys.executable, "-c", code]
     assert subprocess.run(command, capture_output=True, text=True, check=True).stdout == "SIG_IGN\n"

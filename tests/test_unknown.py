@@ -8,10 +8,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from fitter.nuisances import unknowns_of
-from renderer.errors import InputError
-from renderer.images import write_exr
-from renderer.scene import Scene, read_scene
+from fit_material.fitter.least_squares.nuisances import unknowns_of
+from fit_material.renderer.errors.input_error import InputError
+from fit_material.renderer.images.image_file import write_exr
+from fit_material.renderer.scene.scene_file import Scene, read_scene
 
 
 @pytest.fixture

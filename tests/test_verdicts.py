@@ -8,10 +8,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fitter.measured import Measured
-from fitter.mixture import Borrowed, TooFar
-from fitter.result import Determined, FittedMaterial, FromPrior, Intervals, Share
-from fitter.verdicts import Seen, on_the_prior, verdicts
+from fit_material.fitter.fitted.determinability import Seen, on_the_prior, verdicts
+from fit_material.fitter.metal_prior.mixture_posterior import Borrowed, TooFar
+from fit_material.fitter.result.schema import Determined, FittedMaterial, FromPrior, Intervals, Share
+from fit_material.fitter.uncertainty.estimates import Measured
 
 GOOD = Seen(pixels=4000, grazing=900, steepest=88.2, noise=(0.011, 0.012, 0.013), f0_only=False)
 RED_OPEN = Determined(n=(True, True, True), k=(False, True, True), f0=(True, True, True), alpha=True)

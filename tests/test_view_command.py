@@ -12,16 +12,16 @@ import torch
 import trimesh
 from PIL import Image
 
-from fitter import cli
-from fitter.viewing import type_codes
-from renderer.camera import Camera, look_at
-from renderer.errors import InputError
-from renderer.images import read_image, write_exr
-from renderer.model import read_model
-from renderer.shading import render as torch_render
-from renderer.studio import studio
-from renderer.surroundings import surroundings
-from shaders.tone_mapping import tone_mapped
+from fit_material.fitter.commands import app
+from fit_material.renderer.cameras.camera import Camera, look_at
+from fit_material.renderer.errors.input_error import InputError
+from fit_material.renderer.images.image_file import read_image, write_exr
+from fit_material.renderer.synthesis.studio import studio
+from fit_material.renderer.viewer.run import type_codes
+from fit_material.renderer.viewer_model.model import read_model
+from fit_material.renderer.viewer_model.shading import render as torch_render
+from fit_material.renderer.viewer_model.viewer_light import surroundings
+from fit_material.shaders.tone_mapping import tone_mapped
 
 GOLD = "newmtl default\nNs 2\nKd 0.18 0.42 1.37\nKa 3.42 2.35 1.77\nKs 0.2 0.2 0.2\n"
 MATTE = "newmtl default\nNs 0\nKd 0.5 0.25 1\nKa 1 1 1\nKs 0 0 0\n"
@@ -41,7 +41,7 @@ def ball(tmp_path, monkeypatch) -> Path:
 
 
 def view(*arguments: object) -> None:
-    cli.app(["view", *map(str, arguments)], standalone_mode=False)
+    app.app(["view", *map(str, arguments)], standalone_mode=False)
 
 
 def linear(*arguments: object) -> np.ndarray:
@@ -62,7 +62,7 @@ def sentence(*arguments: object) -> str:
 
 def test_as_a_user_runs_it(ball, gl):
     """A process of its own: the contract's command, what it prints, and its exit code."""
-    command = [sys.executable, "-m", "fitter.cli", "view", "ball.obj", "--env", "room.exr"]
+    command = [sys.executable, "-m", "fit_material", "view", "ball.obj", "--env", "room.exr"]
     command += ["--mtl", "ball.thesis.mtl", "--screenshot", "gold.png", "--size", "40", "30", *POSE, "--fov", "35"]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     assert (done.returncode, done.stdout, done.stderr) == (0, "gold.png\n", "")

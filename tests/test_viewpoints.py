@@ -11,10 +11,18 @@ import trimesh
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fitter.viewpoints import CLOSER, DIRECTIONS, TOO_NEAR, Viewpoint, angle_between, lattice, viewpoints
-from renderer.mesh import Mesh, Shape, Sphere
-from renderer.scene import CameraSpec, camera_of
-from renderer.studio import Vector
+from fit_material.fitter.next_view.candidate_views import (
+    CLOSER,
+    DIRECTIONS,
+    TOO_NEAR,
+    Viewpoint,
+    angle_between,
+    lattice,
+    viewpoints,
+)
+from fit_material.renderer.geometry.bounds import Vector
+from fit_material.renderer.geometry.mesh import Mesh, Shape, Sphere
+from fit_material.renderer.scene.scene_file import CameraSpec, camera_of
 
 COORDINATE = st.floats(-1, 1, allow_subnormal=False)
 

@@ -11,15 +11,15 @@ import trimesh
 from jaxtyping import Bool, Float
 from torch import Tensor
 
-from fitter.catalogue import metal
-from renderer import gbuffer, visibility
-from renderer.camera import Camera, look_at
-from renderer.environment import Environment
-from renderer.gbuffer import GBuffer, Tracer
-from renderer.mesh import Mesh, Shape, Sphere
-from renderer.path_tracer import render
-from renderer.to_mitsuba import conductor
-from renderer.visibility import ROUNDS, WIDE, hidden_share, sees_itself
+from fit_material.renderer.cameras.camera import Camera, look_at
+from fit_material.renderer.environment.environment import Environment
+from fit_material.renderer.geometry.mesh import Mesh, Shape, Sphere
+from fit_material.renderer.materials.catalogue import metal
+from fit_material.renderer.mitsuba.conversion import conductor
+from fit_material.renderer.path_tracing.path_tracer import render
+from fit_material.renderer.rays import gbuffer, self_visibility
+from fit_material.renderer.rays.gbuffer import GBuffer, Tracer
+from fit_material.renderer.rays.self_visibility import ROUNDS, WIDE, hidden_share, sees_itself
 from tests.soft_scene import soft_light
 
 pytestmark = pytest.mark.dr_jit
@@ -156,7 +156,7 @@ def test_many_points_are_looked_from_in_blocks(monkeypatch):
 
     surface = seen(trace, camera())
     whole = sees_itself(trace, surface), hidden_share(trace, surface)
-    monkeypatch.setattr(visibility, "BLOCK", 17)
+    monkeypatch.setattr(self_visibility, "BLOCK", 17)
     assert torch.equal(sees_itself(counting, surface), whole[0])
     assert torch.equal(hidden_share(counting, surface), whole[1])
     assert max(rays) <= 17 * max(ROUNDS)

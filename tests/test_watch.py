@@ -6,7 +6,7 @@ import os
 
 import pytest
 
-from renderer.viewer.watch import Watch
+from fit_material.renderer.viewer.watch import Watch
 
 
 @pytest.fixture

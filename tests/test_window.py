@@ -16,7 +16,7 @@ import pytest
 from PIL import Image
 from test_session import CUBE, METAL
 
-from renderer.errors import InputError
+from fit_material.renderer.errors.input_error import InputError
 
 T = TypeVar("T")
 
@@ -28,13 +28,13 @@ PROGRAM = f"""
 from pathlib import Path
 from typing import TypeVar
 import torch
-from renderer.environment import Environment
-from renderer.model import read_model
-from renderer.surroundings import surroundings
-from renderer.viewer.eye import Eye
-from renderer.viewer.look import Look
-from renderer.viewer.session import Subject
-from renderer.viewer.window import run
+from fit_material.renderer.environment.environment import Environment
+from fit_material.renderer.viewer_model.model import read_model
+from fit_material.renderer.viewer_model.viewer_light import surroundings
+from fit_material.renderer.viewer.eye import Eye
+from fit_material.renderer.viewer.look import Look
+from fit_material.renderer.viewer.session import Subject
+from fit_material.renderer.viewer.window import run
 light = surroundings(Environment(torch.rand(8, 16, 3, generator=torch.Generator().manual_seed(1))), size=32)
 look = Look(Eye((0.0, 0.0, 0.0), 7.0, 0.4, -0.4))
 run(Subject(lambda: read_model("cube.obj"), light, look, antialias=2), {SIZE})
@@ -139,7 +139,7 @@ def test_keys_and_mouse_reach_the_picture(viewer, tmp_path):
 
 
 def test_without_a_display_there_is_a_remedy(monkeypatch):
-    from renderer.viewer.window import _window
+    from fit_material.renderer.viewer.window import _window
 
     for name in ("DISPLAY", "WAYLAND_DISPLAY"):
         monkeypatch.delenv(name, raising=False)

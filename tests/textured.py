@@ -10,14 +10,14 @@ import numpy as np
 import torch
 from jaxtyping import Float
 
-from renderer.images import write_exr
-from renderer.mesh import read_mesh
-from renderer.path_tracer import render
-from renderer.synth import named_environment
-from renderer.synth_files import scene_toml
-from renderer.textures import Texture, lookup
-from renderer.to_mitsuba import mitsuba, variant_here
-from renderer.views import views
+from fit_material.renderer.geometry.mesh import read_mesh
+from fit_material.renderer.images.image_file import write_exr
+from fit_material.renderer.images.textures import Texture, lookup
+from fit_material.renderer.mitsuba.conversion import mitsuba, variant_here
+from fit_material.renderer.path_tracing.path_tracer import render
+from fit_material.renderer.synthesis.camera_placement import views
+from fit_material.renderer.synthesis.scene_writer import scene_toml
+from fit_material.renderer.synthesis.synthesise import named_environment
 
 
 def photograph_textured(
@@ -40,7 +40,7 @@ def photograph_textured(
         mesh: an .obj with texture coordinates.
         texture: linear, first row at v = 1.
         bsdf: a Mitsuba material; the texture takes the place of its `reflectance` or `diffuse_reflectance`.
-        env, count, size, spp, max_depth: as of `renderer.synth.SynthOptions`; of depth 2 light is reflected once.
+        env, count, size, spp, max_depth: as of `synthesise.SynthOptions`; of depth 2 light is reflected once.
         normals: a normal map, in [0, 1], or none.
 
     Returns:

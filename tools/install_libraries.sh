@@ -27,7 +27,7 @@ has_llvm_15() {
 }
 
 can_draw() {
-    "$python" -c 'from renderer.viewer.context import offscreen_context; offscreen_context()' >/dev/null 2>&1
+    "$python" -c 'from fit_material.renderer.opengl.context import offscreen_context; offscreen_context()' >/dev/null 2>&1
 }
 
 as_root() {

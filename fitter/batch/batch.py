@@ -11,18 +11,18 @@ from contextlib import closing, contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 
-from fitter.batch.fits_log import append_to_log, require_own_log
-from fitter.batch.interrupts import interrupts_held
-from fitter.batch.record import RECORD, Fitted, earlier, key_of, read_record, replaceable_by_batch
-from fitter.batch.summary import Scene, Summary, outcome, untouched
-from fitter.batch.worker import Ended, Task
-from fitter.fit_options import FitOptions
-from fitter.progress import Progress
-from fitter.result import Result, read_result
-from renderer.atomic import replaced_together
-from renderer.errors import InputError
-from renderer.replaceable import Replaceable, json_with
-from renderer.unfinished import sweep, unfinished_folder
+from fit_material.fitter.batch.fits_log import append_to_log, require_own_log
+from fit_material.fitter.batch.summary import Scene, Summary, outcome, untouched
+from fit_material.fitter.batch.workers.interrupts import interrupts_held
+from fit_material.fitter.batch.workers.record import RECORD, Fitted, earlier, key_of, read_record, replaceable_by_batch
+from fit_material.fitter.batch.workers.worker import Ended, Task
+from fit_material.fitter.options.fit_options import FitOptions
+from fit_material.fitter.options.progress import Progress
+from fit_material.fitter.result.schema import Result, read_result
+from fit_material.renderer.errors.input_error import InputError
+from fit_material.renderer.files.atomic import replaced_together
+from fit_material.renderer.files.replaceable import Replaceable, json_with
+from fit_material.renderer.files.unfinished import sweep, unfinished_folder
 
 SUMMARY: tuple[str, ...] = ("summary.html", "summary.json")
 SUMMARY_INTERVAL = 5.0  # seconds between two versions of the summary
@@ -143,7 +143,7 @@ class Batch:
 
     def write_summary(self) -> None:
         """Of all scenes, as far as they are known, into `out`."""
-        from fitter.batch import page
+        from fit_material.fitter.batch import page
 
         page.write_summary(self.summary, self.out)
 

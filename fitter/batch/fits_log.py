@@ -8,9 +8,9 @@ import stat
 from datetime import UTC, datetime
 from pathlib import Path
 
-from fitter.batch.record import Fitted
-from renderer.errors import InputError
-from renderer.replaceable import Replaceable
+from fit_material.fitter.batch.workers.record import Fitted
+from fit_material.renderer.errors.input_error import InputError
+from fit_material.renderer.files.replaceable import Replaceable
 
 LOG = "fits.jsonl"
 KEYS = frozenset({"name", "scene", "key"})  # that every line has, beside others

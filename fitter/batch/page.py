@@ -5,10 +5,10 @@ from __future__ import annotations
 from pathlib import Path
 from urllib.parse import quote
 
-from fitter.batch.summary import WORDS, Scene, Summary, json_text, sentence
-from fitter.batch.table import OPEN, lines, shown_of
-from fitter.pages import page_templates
-from renderer.atomic import replaced_together, write_text_atomically
+from fit_material.fitter.batch.summary import WORDS, Scene, Summary, json_text, sentence
+from fit_material.fitter.batch.table import OPEN, lines, shown_of
+from fit_material.fitter.html.templates import page_templates
+from fit_material.renderer.files.atomic import replaced_together, write_text_atomically
 
 PARAMETERS = ("f0", "n", "k", "color", "alpha")
 

@@ -13,10 +13,10 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from fitter.batch.pattern import matching
-from renderer.checked import shortened
-from renderer.errors import InputError
-from renderer.files import read_bytes
+from fit_material.fitter.batch.pattern import matching
+from fit_material.renderer.errors.input_error import InputError
+from fit_material.renderer.files.regular_files import read_bytes
+from fit_material.renderer.files.validation import shortened
 
 SCENE_FILE = "scene.toml"  # whose name says nothing: its folder's does
 TAKEN = frozenset({"summary.html", "summary.json", "fits.jsonl"})  # names of a batch's own files

@@ -8,8 +8,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Literal
 
-from fitter.batch.record import Fitted
-from fitter.result import FittedMaterial, NonNegative, Record, Result
+from fit_material.fitter.batch.workers.record import Fitted
+from fit_material.fitter.result.schema import FittedMaterial, NonNegative, Record, Result
 
 State = Literal["converged", "not_determined", "stopped", "wrong_input", "failed", "pending"]
 WORDS: dict[State, str] = {

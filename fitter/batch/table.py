@@ -10,10 +10,9 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from fitter.batch.summary import WORDS, Scene, Summary, sentence
-from fitter.frontier_table import WIDTH
-from fitter.remarks import decimals
-from fitter.result import FittedMaterial
+from fit_material.fitter.batch.summary import WORDS, Scene, Summary, sentence
+from fit_material.fitter.result.formatting import WIDTH, decimals
+from fit_material.fitter.result.schema import FittedMaterial
 
 COLUMNS = ("f0", "color", "alpha")
 OPEN = "A question mark: the photographs do not determine the number."

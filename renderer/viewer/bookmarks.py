@@ -11,10 +11,11 @@ from pathlib import Path
 
 import torch
 
-from renderer.atomic import write_text_atomically
-from renderer.checked import Checked, check
-from renderer.scene import CameraSpec, camera_of, load_toml
-from renderer.viewer.eye import Eye, Vector, eye_of
+from fit_material.renderer.files.atomic import write_text_atomically
+from fit_material.renderer.files.toml import load_toml
+from fit_material.renderer.files.validation import Checked, check
+from fit_material.renderer.scene.scene_file import CameraSpec, camera_of
+from fit_material.renderer.viewer.eye import Eye, Vector, eye_of
 
 _HEAD = "# Cameras kept by fit-material view: F1 to F4 go to them, Shift+F1 to Shift+F4 replace them.\n"
 

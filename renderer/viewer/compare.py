@@ -9,13 +9,13 @@ import numpy as np
 import torch
 from jaxtyping import Bool, Float
 
-from renderer.camera import Camera
-from renderer.errors import InputError
-from renderer.exposures import expose
-from renderer.images import read_image
-from renderer.rectified import pinhole, rectified
-from renderer.scene import PhotographSpec, camera_of, read_scene
-from renderer.viewer.look import Comparison
+from fit_material.renderer.cameras.camera import Camera
+from fit_material.renderer.cameras.undistortion import pinhole, rectified
+from fit_material.renderer.errors.input_error import InputError
+from fit_material.renderer.images.image_file import read_image
+from fit_material.renderer.photographs.exposure import expose
+from fit_material.renderer.scene.scene_file import PhotographSpec, camera_of, read_scene
+from fit_material.renderer.viewer.look import Comparison
 
 DIFFERENCE_RANGE = 0.25
 """Exposed radiance by which the render differs where the difference is shown black or white; grey is none.
@@ -66,7 +66,7 @@ class Photographs:
         cameras: of all photographs; their width and height are not known, and given as 1.
 
     Raises:
-        InputError: as `renderer.scene.read_scene`.
+        InputError: as `renderer.scene.scene_file.read_scene`.
     """
 
     def __init__(self, scene: Path) -> None:

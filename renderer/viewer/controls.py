@@ -14,12 +14,12 @@ from enum import Enum, auto
 from types import MappingProxyType
 from typing import TypeVar
 
-from renderer.camera import Camera
-from renderer.viewer import eye
-from renderer.viewer.eye import Eye
-from renderer.viewer.geometry import Bounds
-from renderer.viewer.look import COMPARISONS, Comparison, Look
-from shaders.tone_mapping import CURVES
+from fit_material.renderer.cameras.camera import Camera
+from fit_material.renderer.opengl.geometry import Bounds
+from fit_material.renderer.viewer import eye
+from fit_material.renderer.viewer.eye import Eye
+from fit_material.renderer.viewer.look import COMPARISONS, Comparison, Look
+from fit_material.shaders.tone_mapping import CURVES
 
 T = TypeVar("T")
 

@@ -9,13 +9,13 @@ import moderngl
 import numpy as np
 from jaxtyping import Float, UInt8
 
-from renderer.errors import InputError
-from renderer.viewer.compare import Area, Photograph, areas, exposure_factor
-from renderer.viewer.drawing import Stage
-from renderer.viewer.look import Look
-from renderer.viewer.programs import assign, programs
-from renderer.viewer.refinement import Refinement
-from shaders.tone_mapping import CURVES
+from fit_material.renderer.errors.input_error import InputError
+from fit_material.renderer.opengl.drawing import Stage
+from fit_material.renderer.opengl.programs import assign, programs
+from fit_material.renderer.opengl.refinement import Refinement
+from fit_material.renderer.viewer.compare import Area, Photograph, areas, exposure_factor
+from fit_material.renderer.viewer.look import Look
+from fit_material.shaders.tone_mapping import CURVES
 
 _PICTURE, _PHOTOGRAPH, _SWIPE, _DIFFERENCE = range(4)  # of shaders/glsl/display.frag
 _CONTENT = {"off": _PICTURE, "beside": _PICTURE, "swipe": _SWIPE, "difference": _DIFFERENCE}

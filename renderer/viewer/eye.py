@@ -15,8 +15,8 @@ import numpy as np
 import torch
 from jaxtyping import Float
 
-from renderer.camera import Camera
-from renderer.viewer.geometry import Bounds
+from fit_material.renderer.cameras.camera import Camera
+from fit_material.renderer.opengl.geometry import Bounds
 
 Vector = tuple[float, float, float]
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from shaders.tone_mapping import CURVES
+from fit_material.shaders.tone_mapping import CURVES
 
 KEYS = (
     ("left-drag, wheel, middle-drag", "turn round the model, zoom (as right-drag), shift"),

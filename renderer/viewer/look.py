@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
-from renderer.viewer.eye import Eye
-from shaders.tone_mapping import CURVES
+from fit_material.renderer.viewer.eye import Eye
+from fit_material.shaders.tone_mapping import CURVES
 
 Comparison = Literal["off", "beside", "swipe", "difference"]
 COMPARISONS: tuple[Comparison, ...] = ("off", "beside", "swipe", "difference")

@@ -11,23 +11,23 @@ from pathlib import Path
 
 import moderngl
 
-from renderer.atomic import write_bytes_atomically
-from renderer.errors import InputError
-from renderer.images import png, write_exr
-from renderer.model import Model
-from renderer.printable import printable
-from renderer.surroundings import Surroundings
-from renderer.viewer.bookmarks import Bookmarks, bookmarks_file
-from renderer.viewer.compare import Photograph, Photographs
-from renderer.viewer.controls import Command, Controls
-from renderer.viewer.display import Codes, Display, draw_whole
-from renderer.viewer.drawing import Stage
-from renderer.viewer.eye import Eye
-from renderer.viewer.help import help_text
-from renderer.viewer.look import Look
-from renderer.viewer.pace import Pace
-from renderer.viewer.turntable import FRAMES, free_name, turntable
-from renderer.viewer.watch import Watch
+from fit_material.renderer.errors.input_error import InputError
+from fit_material.renderer.errors.printable import printable
+from fit_material.renderer.files.atomic import write_bytes_atomically
+from fit_material.renderer.images.image_file import png, write_exr
+from fit_material.renderer.opengl.drawing import Stage
+from fit_material.renderer.viewer.bookmarks import Bookmarks, bookmarks_file
+from fit_material.renderer.viewer.compare import Photograph, Photographs
+from fit_material.renderer.viewer.controls import Command, Controls
+from fit_material.renderer.viewer.display import Codes, Display, draw_whole
+from fit_material.renderer.viewer.eye import Eye
+from fit_material.renderer.viewer.help import help_text
+from fit_material.renderer.viewer.look import Look
+from fit_material.renderer.viewer.pace import Pace
+from fit_material.renderer.viewer.turntable import FRAMES, free_name, turntable
+from fit_material.renderer.viewer.watch import Watch
+from fit_material.renderer.viewer_model.model import Model
+from fit_material.renderer.viewer_model.viewer_light import Surroundings
 
 
 @dataclass(frozen=True)

@@ -7,12 +7,12 @@ import math
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
-from renderer.atomic import replaced_together
-from renderer.errors import InputError
-from renderer.images import png
-from renderer.replaceable import ANYTHING, Replaceable
-from renderer.viewer.display import Codes
-from renderer.viewer.eye import Eye, orbit
+from fit_material.renderer.errors.input_error import InputError
+from fit_material.renderer.files.atomic import replaced_together
+from fit_material.renderer.files.replaceable import ANYTHING, Replaceable
+from fit_material.renderer.images.image_file import png
+from fit_material.renderer.viewer.display import Codes
+from fit_material.renderer.viewer.eye import Eye, orbit
 
 FRAMES = 72  # three seconds of film
 MOST_FRAMES = 100_000

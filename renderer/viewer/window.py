@@ -10,10 +10,10 @@ from typing import Any
 import glfw
 import moderngl
 
-from renderer.errors import InputError
-from renderer.viewer.context import VERSION, prepared
-from renderer.viewer.session import Session, Subject
-from renderer.viewer.watch import INTERVAL
+from fit_material.renderer.errors.input_error import InputError
+from fit_material.renderer.opengl.context import VERSION, prepared
+from fit_material.renderer.viewer.session import Session, Subject
+from fit_material.renderer.viewer.watch import INTERVAL
 
 SIZE = (1280, 800)
 _REMEDY = "without one use --screenshot FILE"

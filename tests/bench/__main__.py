@@ -9,9 +9,9 @@ from collections.abc import Callable, Iterator
 from functools import partial
 from pathlib import Path
 
-from fitter.frontier_rungs import LADDER, Rung, named
-from renderer.errors import InputError
-from renderer.to_mitsuba import variant_here
+from fit_material.fitter.frontier.rungs import LADDER, Rung, named
+from fit_material.renderer.errors.input_error import InputError
+from fit_material.renderer.mitsuba.conversion import variant_here
 from tests.bench import (
     accuracy,
     agreement,

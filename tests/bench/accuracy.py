@@ -10,14 +10,14 @@ from dataclasses import dataclass
 from itertools import product
 from pathlib import Path
 
-from fitter.code_digest import code_digest
-from fitter.frontier import Frontier, frontier_of
-from fitter.frontier_errors import Reference, truth_beside
-from fitter.frontier_rungs import LADDER, Rung
-from fitter.frontier_runs import Experiment, Run, all_runs
-from fitter.loading import input_files
-from renderer.atomic import write_bytes_atomically, write_text_atomically
-from renderer.scene import read_scene
+from fit_material.fitter.frontier.errors import Reference, truth_beside
+from fit_material.fitter.frontier.pareto import Frontier, frontier_of
+from fit_material.fitter.frontier.rungs import LADDER, Rung
+from fit_material.fitter.frontier.runs import Experiment, Run, all_runs
+from fit_material.fitter.observations.scene_data import input_files
+from fit_material.fitter.result.provenance import code_digest
+from fit_material.renderer.files.atomic import write_bytes_atomically, write_text_atomically
+from fit_material.renderer.scene.scene_file import read_scene
 from tests.bench import types
 from tests.bench.accuracy_advice import advice
 from tests.bench.accuracy_plot import accuracy_png

@@ -7,13 +7,13 @@ import statistics
 from collections import Counter
 from collections.abc import Iterator, Sequence
 
-from fitter.fidelity import PRESETS
-from fitter.frontier import Frontier
-from fitter.frontier_errors import NUMBERS, Reference
-from fitter.frontier_errors import errors as errors_of
-from fitter.frontier_runs import Run
-from fitter.frontier_table import two_digits
-from fitter.result import FittedMaterial
+from fit_material.fitter.frontier.errors import NUMBERS, Reference
+from fit_material.fitter.frontier.errors import errors as errors_of
+from fit_material.fitter.frontier.pareto import Frontier
+from fit_material.fitter.frontier.runs import Run
+from fit_material.fitter.frontier.table import two_digits
+from fit_material.fitter.options.fidelity import PRESETS
+from fit_material.fitter.result.schema import FittedMaterial
 from tests.bench.accuracy_table import errors, rungs_of, seconds
 from tests.bench.setting import spread
 

@@ -6,9 +6,9 @@ import io
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
-from fitter.frontier import LEAST, Frontier, Row
-from fitter.frontier_plot import DOTS_PER_INCH, NAMES_OF_ERRORS, QUIET, plain_ticks, quiet_frame
-from fitter.svg import INK
+from fit_material.fitter.frontier.pareto import LEAST, Frontier, Row
+from fit_material.fitter.frontier.plot import DOTS_PER_INCH, NAMES_OF_ERRORS, QUIET, plain_ticks, quiet_frame
+from fit_material.fitter.html.svg import INK
 from tests.bench.accuracy_table import rungs_of
 
 if TYPE_CHECKING:

@@ -8,8 +8,8 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from fitter.frontier import Frontier, Row, Spread
-from fitter.frontier_table import MEBIBYTE, two_digits
+from fit_material.fitter.frontier.pareto import Frontier, Row, Spread
+from fit_material.fitter.frontier.table import MEBIBYTE, two_digits
 from tests.bench.setting import spread
 
 SHOWN = {"worst": "worst error, %", "f0": "F0, %", "alpha": "alpha, %"}

@@ -7,16 +7,16 @@ from collections.abc import Iterator
 import numpy as np
 import torch
 
-from fitter.catalogue import metal
-from fitter.fidelity import preset
-from fitter.setting import Setting
-from renderer import gbuffer
-from renderer.environment import read_environment
-from renderer.mesh import Sphere
-from renderer.path_tracer import render
-from renderer.to_mitsuba import conductor
-from renderer.views import views
-from shaders.materials import Metal
+from fit_material.fitter.forward.lighting import Setting
+from fit_material.fitter.options.fidelity import preset
+from fit_material.renderer.environment.environment_file import read_environment
+from fit_material.renderer.geometry.mesh import Sphere
+from fit_material.renderer.materials.catalogue import metal
+from fit_material.renderer.mitsuba.conversion import conductor
+from fit_material.renderer.path_tracing.path_tracer import render
+from fit_material.renderer.rays import gbuffer
+from fit_material.renderer.synthesis.camera_placement import views
+from fit_material.shaders.materials.types import Metal
 from tests.bench.setting import SHARED
 
 SIZE, REPEATS, SPP, SAMPLES = 96, 4, 4096, 4096

@@ -18,10 +18,10 @@ from glob import glob
 from itertools import islice, product
 from pathlib import Path
 
-from fitter.result import read_result
-from renderer.errors import InputError
-from renderer.synth import SynthOptions
-from renderer.threads import cores
+from fit_material.fitter.result.schema import read_result
+from fit_material.renderer.compute.threads import cores
+from fit_material.renderer.errors.input_error import InputError
+from fit_material.renderer.synthesis.synthesise import SynthOptions
 from tests.bench.photographs import photographed
 from tests.bench.setting import ROOT, spread
 from tests.bench.types import MATERIALS
@@ -109,7 +109,15 @@ def run(scenes: Sequence[tuple[Path, str]], how: Sequence[str], kill_after: int 
             shutil.copytree(scene.parent, folder / f"scene-{index:03}")
         lines = [f"scene-{index:03} --type {kind}" for index, (_, kind) in enumerate(scenes)]
         (folder / "list.txt").write_text("\n".join(lines), encoding="utf-8")
-        command = [sys.executable, "-m", "fitter.cli", "batch", str(folder / "list.txt"), "-o", str(folder / "out")]
+        command = [
+            sys.executable,
+            "-m",
+            "fit_material.fitter.commands.app",
+            "batch",
+            str(folder / "list.txt"),
+            "-o",
+            str(folder / "out"),
+        ]
         begun = time.perf_counter()
         with subprocess.Popen([*command, "--fidelity", FIDELITY, *how], cwd=ROOT, stdout=subprocess.DEVNULL) as process:
             killed = "" if kill_after is None else _kill_one(process, folder / "out", kill_after)

@@ -10,17 +10,17 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from fitter.fidelity import PRESETS
-from fitter.loading import Loaded, load
-from fitter.search import Fit, Problem, fit_material
-from fitter.selection import choose_pixels
-from fitter.setting import Setting
-from fitter.solve import SOLVERS
-from fitter.uncertainty import spread, standard_errors
-from renderer import gbuffer
-from renderer.camera import Camera
-from renderer.gbuffer import GBuffer, Tracer
-from renderer.transport import LightTable
+from fit_material.fitter.estimation.coarse_to_fine import Fit, Problem, fit_material
+from fit_material.fitter.forward.lighting import Setting
+from fit_material.fitter.least_squares.covariance import spread, standard_errors
+from fit_material.fitter.least_squares.solvers import SOLVERS
+from fit_material.fitter.observations.pixel_selection import choose_pixels
+from fit_material.fitter.observations.scene_data import Loaded, load
+from fit_material.fitter.options.fidelity import PRESETS
+from fit_material.renderer.cameras.camera import Camera
+from fit_material.renderer.light_tables.light_table import LightTable
+from fit_material.renderer.rays import gbuffer
+from fit_material.renderer.rays.gbuffer import GBuffer, Tracer
 from tests.bench.photographs import Case
 
 CASES = (

@@ -17,13 +17,13 @@ import numpy as np
 import torch
 from jaxtyping import Float
 
-from fitter.album import Album
-from fitter.loading import load
-from fitter.parts import fit_parts
-from fitter.pipeline import setting_of
-from renderer import gbuffer
-from renderer.atomic import write_bytes_atomically
-from renderer.threads import one_thread_per_operation
+from fit_material.fitter.forward.lighting import setting_of
+from fit_material.fitter.observations.album import Album
+from fit_material.fitter.observations.scene_data import load
+from fit_material.fitter.pipeline.fit_materials import fit_parts
+from fit_material.renderer.compute.threads import one_thread_per_operation
+from fit_material.renderer.files.atomic import write_bytes_atomically
+from fit_material.renderer.rays import gbuffer
 from tests.bench.estimates import Estimate, estimate_of, true_numbers
 from tests.bench.fits import How, in_processes
 from tests.bench.grid import NAMES, NOISE, SPP, Selection, share

@@ -17,21 +17,21 @@ import torch
 from jaxtyping import Float, Int
 from torch import Tensor
 
-from fitter.catalogue import metal
-from fitter.fidelity import preset
-from fitter.pixel_model import PixelModel
-from fitter.setting import Setting
-from renderer import gbuffer
-from renderer.atomic import write_bytes_atomically
-from renderer.camera import Camera
-from renderer.environment import read_environment
-from renderer.gbuffer import GBuffer, Tracer
-from renderer.mesh import Sphere, read_mesh
-from renderer.synth import SynthOptions
-from renderer.truth import TrueMetal
-from renderer.views import views
-from renderer.visibility import sees_itself
-from shaders.materials import Metal
+from fit_material.fitter.forward.lighting import Setting
+from fit_material.fitter.forward.pixel_model import PixelModel
+from fit_material.fitter.options.fidelity import preset
+from fit_material.renderer.cameras.camera import Camera
+from fit_material.renderer.environment.environment_file import read_environment
+from fit_material.renderer.files.atomic import write_bytes_atomically
+from fit_material.renderer.geometry.mesh import Sphere, read_mesh
+from fit_material.renderer.materials.catalogue import metal
+from fit_material.renderer.materials.ground_truth import TrueMetal
+from fit_material.renderer.rays import gbuffer
+from fit_material.renderer.rays.gbuffer import GBuffer, Tracer
+from fit_material.renderer.rays.self_visibility import sees_itself
+from fit_material.renderer.synthesis.camera_placement import views
+from fit_material.renderer.synthesis.synthesise import SynthOptions
+from fit_material.shaders.materials.types import Metal
 from tests.bench.noise import Noise, noise_of
 from tests.bench.photographs import Case
 

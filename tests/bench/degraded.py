@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from fitter.result import FittedMaterial, Result
+from fit_material.fitter.result.schema import FittedMaterial, Result
 from tests.bench.fits import How, attempt_anew
 from tests.bench.photographs import truth_of
 from tests.bench.snapshots import Snapshot, taken

@@ -9,10 +9,10 @@ import numpy as np
 import torch
 from jaxtyping import Bool, Float
 
-from fitter.catalogue import metal
-from fitter.result import FittedMaterial
-from fitter.uncertainty import TWO_SIDED_95
-from shaders import fresnel
+from fit_material.fitter.least_squares.covariance import TWO_SIDED_95
+from fit_material.fitter.result.schema import FittedMaterial
+from fit_material.renderer.materials.catalogue import metal
+from fit_material.shaders.optics import fresnel
 from tests.bench.cramer_rao import Bound
 from tests.bench.photographs import Case
 

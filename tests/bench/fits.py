@@ -11,11 +11,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TypeVar
 
-from fitter.code_digest import code_digest
-from fitter.fidelity import preset
-from fitter.pipeline import FitOptions, fit_scene
-from fitter.result import Result, read_result
-from renderer.atomic import write_bytes_atomically
+from fit_material.fitter.options.fidelity import preset
+from fit_material.fitter.pipeline.fit_scene import FitOptions, fit_scene
+from fit_material.fitter.result.provenance import code_digest
+from fit_material.fitter.result.schema import Result, read_result
+from fit_material.renderer.files.atomic import write_bytes_atomically
 from tests.bench.setting import CACHE
 
 Item = TypeVar("Item")

@@ -14,13 +14,14 @@ import drjit
 import numpy as np
 import torch
 
-from renderer import gbuffer, shading
-from renderer.appearance import Appearance
-from renderer.studio import studio
-from renderer.surroundings import Surroundings, surroundings
-from renderer.viewer.context import offscreen_context
-from renderer.viewer.drawing import Stage
-from renderer.viewer.targets import linear_target
+from fit_material.renderer.materials.textured_material import Appearance
+from fit_material.renderer.opengl.context import offscreen_context
+from fit_material.renderer.opengl.drawing import Stage
+from fit_material.renderer.opengl.targets import linear_target
+from fit_material.renderer.rays import gbuffer
+from fit_material.renderer.synthesis.studio import studio
+from fit_material.renderer.viewer_model import shading
+from fit_material.renderer.viewer_model.viewer_light import Surroundings, surroundings
 from tests import parity
 from tests.bench.setting import spread
 

@@ -14,7 +14,7 @@ from itertools import product
 import numpy as np
 from jaxtyping import Bool, Float
 
-from fitter.result import Result
+from fit_material.fitter.result.schema import Result
 from tests.bench.cramer_rao import Bound, bounds_of
 from tests.bench.estimates import DETERMINED, NOTHING, SLICES, Estimate, curve_error, estimate_of, true_numbers
 from tests.bench.fits import How, attempt, in_processes

@@ -9,8 +9,8 @@ from pathlib import Path
 
 import torch
 
-from fitter.hard_cases.table import ROWS, TOPICS, Verdict, verdicts
-from renderer.atomic import write_text_atomically
+from fit_material.fitter.selftest.table import ROWS, TOPICS, Verdict, verdicts
+from fit_material.renderer.files.atomic import write_text_atomically
 from tests.bench.peers import PLACES, RIGHT, compared
 from tests.bench.setting import header
 

@@ -11,19 +11,19 @@ import torch
 from jaxtyping import Bool, Float
 from PIL import Image as PillowImage
 
-from fitter.catalogue import metal
-from fitter.fidelity import preset
-from fitter.setting import Setting
-from renderer import gbuffer
-from renderer.atomic import replaced_together, write_text_atomically
-from renderer.gbuffer import GBuffer
-from renderer.images import write_exr
-from renderer.mesh import Sphere
-from renderer.picture import draw
-from renderer.scene import CameraSpec, camera_of
-from renderer.studio import studio
-from renderer.views import View, views
-from shaders.materials import Metal
+from fit_material.fitter.forward.lighting import Setting
+from fit_material.fitter.options.fidelity import preset
+from fit_material.renderer.files.atomic import replaced_together, write_text_atomically
+from fit_material.renderer.geometry.mesh import Sphere
+from fit_material.renderer.images.image_file import write_exr
+from fit_material.renderer.materials.catalogue import metal
+from fit_material.renderer.rays import gbuffer
+from fit_material.renderer.rays.gbuffer import GBuffer
+from fit_material.renderer.rays.picture import draw
+from fit_material.renderer.scene.scene_file import CameraSpec, camera_of
+from fit_material.renderer.synthesis.camera_placement import View, views
+from fit_material.renderer.synthesis.studio import studio
+from fit_material.shaders.materials.types import Metal
 from tests.bench.setting import CACHE
 from tests.srgb_curve import encoded
 

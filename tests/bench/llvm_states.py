@@ -17,18 +17,18 @@ from collections.abc import Iterator, Mapping
 from itertools import combinations
 from pathlib import Path
 
-from fitter import parts
-from fitter.lambertian import reported
-from fitter.pipeline import fit_scene
-from fitter.result import FittedMaterial, read_result
-from fitter.search import Fit
-from fitter.uncertainty import Spread, integration_share
+from fit_material.fitter.estimation.coarse_to_fine import Fit
+from fit_material.fitter.least_squares.covariance import Spread, integration_share
+from fit_material.fitter.pipeline import fit_materials
+from fit_material.fitter.pipeline.fit_scene import fit_scene
+from fit_material.fitter.result.schema import FittedMaterial, read_result
+from fit_material.fitter.uncertainty.active_bound import reported
 from tests.bench.fits import How
 from tests.bench.setting import ROOT
 
 STATES = ("none", "15", "19", "broken")
 NOT_HERE = 77  # exit code of with_llvm.sh
-PROGRAM = (sys.executable, "-m", "fitter.cli")
+PROGRAM = (sys.executable, "-m", "fit_material")
 PHOTOGRAPHS = {  # options of synth, of three types
     "metal": ("--metal", "Cu", "--alpha", "0.2"),
     "glossy": ("--color", "0.5", "0.1", "0.1", "--reflectance", "0.04", "0.04", "0.04", "--alpha", "0.15"),
@@ -135,7 +135,7 @@ def main(scene: str, out: str, kind: str) -> None:
         shares.append(integration_share(fit.residuals, fit.x))
         return reported(fit)
 
-    parts.reported = noted
+    fit_materials.reported = noted
     fit_scene(Path(scene), Path(out), How(type=kind).options())
     (Path(out) / "share.json").write_text(json.dumps(shares[-1]))
 

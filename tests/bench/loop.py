@@ -13,14 +13,14 @@ import numpy as np
 import trimesh
 from jaxtyping import Float
 
-from fitter.catalogue import metal
-from fitter.quality import compare
-from fitter.result import PictureQuality, Result, read_result
-from renderer.images import read_image
-from renderer.mesh import read_mesh
-from renderer.synth import SynthOptions, synthesise
-from renderer.truth import Channels, TrueGlossy, TrueMaterial, TrueMatte, TrueMetal
-from renderer.views import View, views
+from fit_material.fitter.report.image_quality import compare
+from fit_material.fitter.result.schema import PictureQuality, Result, read_result
+from fit_material.renderer.geometry.mesh import read_mesh
+from fit_material.renderer.images.image_file import read_image
+from fit_material.renderer.materials.catalogue import metal
+from fit_material.renderer.materials.ground_truth import Channels, TrueGlossy, TrueMaterial, TrueMatte, TrueMetal
+from fit_material.renderer.synthesis.camera_placement import View, views
+from fit_material.renderer.synthesis.synthesise import SynthOptions, synthesise
 from tests.bench.photographs import map_of, photographed, truth_of
 from tests.bench.setting import CACHE, spread
 
@@ -164,7 +164,7 @@ def _viewed(model: Path, environment: Path, view: View) -> Float[np.ndarray, "h 
 
 
 def _command(*arguments: object) -> None:
-    done = subprocess.run([sys.executable, "-m", "fitter.cli", *map(str, arguments)], capture_output=True, text=True)
+    done = subprocess.run([sys.executable, "-m", "fit_material", *map(str, arguments)], capture_output=True, text=True)
     if done.returncode not in ACCEPTED.get(str(arguments[0]), (0,)):
         sys.exit(f"bench: fit-material {arguments[0]} said {done.returncode}: {done.stdout}{done.stderr}")
 

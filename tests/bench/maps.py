@@ -11,12 +11,12 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float, Int
 
-from fitter.fit_options import FitOptions
-from fitter.pipeline import fit_scene
-from fitter.result import FittedMaterial
-from renderer.images import read_image
-from renderer.textures import read_texture
-from renderer.to_mitsuba import diffuse, plastic
+from fit_material.fitter.options.fit_options import FitOptions
+from fit_material.fitter.pipeline.fit_scene import fit_scene
+from fit_material.fitter.result.schema import FittedMaterial
+from fit_material.renderer.images.image_file import read_image
+from fit_material.renderer.images.textures import read_texture
+from fit_material.renderer.mitsuba.conversion import diffuse, plastic
 from tests.bench.photographs import SHAPES, map_of
 from tests.bench.setting import CACHE, SHARED
 from tests.textured import photograph_textured, seen_at

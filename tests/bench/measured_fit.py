@@ -84,8 +84,8 @@ class Peaks:
 
 
 def _run(asked: Asked) -> Measured:
-    from fitter.fidelity import preset
-    from fitter.pipeline import FitOptions, fit_scene
+    from fit_material.fitter.options.fidelity import preset
+    from fit_material.fitter.pipeline.fit_scene import FitOptions, fit_scene
 
     resource.setrlimit(resource.RLIMIT_DATA, (asked.limit, asked.limit))
     peaks = Peaks()

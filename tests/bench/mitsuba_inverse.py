@@ -14,14 +14,14 @@ import numpy as np
 import torch
 from jaxtyping import Bool, Float
 
-from fitter.loading import Loaded
-from renderer import gbuffer
-from renderer.camera import Camera
-from renderer.differentiable import DifferentiableScene
-from renderer.environment import Environment
-from renderer.mesh import Shape
-from renderer.to_mitsuba import conductor, envmap, mitsuba, mitsuba_shapes, sensor
-from shaders.materials import Metal
+from fit_material.fitter.observations.scene_data import Loaded
+from fit_material.renderer.cameras.camera import Camera
+from fit_material.renderer.environment.environment import Environment
+from fit_material.renderer.geometry.mesh import Shape
+from fit_material.renderer.mitsuba.conversion import conductor, envmap, mitsuba, mitsuba_shapes, sensor
+from fit_material.renderer.path_tracing.differentiable_scene import DifferentiableScene
+from fit_material.renderer.rays import gbuffer
+from fit_material.shaders.materials.types import Metal
 
 START = {"n": (1.0, 1.0, 1.0), "k": (3.0, 3.0, 3.0), "alpha": 0.4}  # of somebody who knows that it is a metal
 Numbers = Float[np.ndarray, "*p 3"]

@@ -10,12 +10,12 @@ import numpy as np
 from jaxtyping import Bool, Float
 from scipy.ndimage import uniform_filter
 
-from renderer.atomic import write_bytes_atomically
-from renderer.environment import read_environment
-from renderer.mesh import Sphere, read_mesh
-from renderer.path_tracer import passes
-from renderer.to_mitsuba import bsdf_of
-from renderer.views import views
+from fit_material.renderer.environment.environment_file import read_environment
+from fit_material.renderer.files.atomic import write_bytes_atomically
+from fit_material.renderer.geometry.mesh import Sphere, read_mesh
+from fit_material.renderer.mitsuba.conversion import bsdf_of
+from fit_material.renderer.path_tracing.path_tracer import passes
+from fit_material.renderer.synthesis.camera_placement import views
 from tests.bench.photographs import Case
 
 PASSES, SAMPLES = 64, 8

@@ -9,11 +9,11 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from renderer import shading
-from renderer.studio import studio
-from renderer.surroundings import Surroundings, surroundings
-from renderer.viewer import offscreen
-from renderer.viewer.context import offscreen_context
+from fit_material.renderer.opengl import offscreen
+from fit_material.renderer.opengl.context import offscreen_context
+from fit_material.renderer.synthesis.studio import studio
+from fit_material.renderer.viewer_model import shading
+from fit_material.renderer.viewer_model.viewer_light import Surroundings, surroundings
 from tests import parity
 
 SIZE = 512

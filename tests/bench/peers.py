@@ -12,8 +12,8 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from renderer.to_mitsuba import mitsuba
-from shaders import fresnel, lobe
+from fit_material.renderer.mitsuba.conversion import mitsuba
+from fit_material.shaders.optics import fresnel, microfacets
 
 RIGHT = 1e-3  # relative: what float32 may lose in a lobe a thousandth wide and still be right
 SMALL = 1e-6  # of 1/α², the lobe's size: less is none
@@ -140,7 +140,7 @@ def by_us(place: Place) -> Answer:
 
     def value(v: Tensor, light: Tensor, half: Tensor, n: Tensor, k: Tensor, alpha: Tensor) -> Tensor:
         sin2_h = half[0] ** 2 + half[1] ** 2
-        return fresnel.conductor((v @ half).clamp(0, 1), n, k) * lobe.reflected(
+        return fresnel.conductor((v @ half).clamp(0, 1), n, k) * microfacets.reflected(
             v[2], light[2], half[2], alpha, "ggx", sin2_h
         )
 

@@ -11,12 +11,12 @@ from pathlib import Path
 
 import numpy as np
 
-from fitter.catalogue import metal
-from renderer.atomic import replaced_together, write_text_atomically
-from renderer.images import read_image, write_exr
-from renderer.synth import SynthOptions, noisy, synthesise
-from renderer.synth_files import outputs_of
-from renderer.truth import TrueMetal
+from fit_material.renderer.files.atomic import replaced_together, write_text_atomically
+from fit_material.renderer.images.image_file import read_image, write_exr
+from fit_material.renderer.materials.catalogue import metal
+from fit_material.renderer.materials.ground_truth import TrueMetal
+from fit_material.renderer.synthesis.scene_writer import outputs_of
+from fit_material.renderer.synthesis.synthesise import SynthOptions, noisy, synthesise
 from tests.bench.setting import CACHE, SHARED
 
 METALS = ("Au", "Cu", "Al", "Fe")

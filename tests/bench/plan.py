@@ -12,28 +12,28 @@ from unittest.mock import patch
 
 import torch
 
-from fitter.fidelity import PRESETS
-from fitter.fit_options import FitOptions
-from fitter.pipeline import fit_scene
-from fitter.planning import Planner
-from fitter.polish import SAMPLES as PATHS
-from fitter.result import Result
-from fitter.setting import Setting
-from renderer import gbuffer
-from renderer.differentiable import DifferentiableScene
-from renderer.gbuffer import GBuffer
-from renderer.images import write_exr
-from renderer.mesh import Mesh, Shape, Sphere, read_mesh
-from renderer.occlusion import Occluder
-from renderer.path_tracer import render
-from renderer.plan import Plan
-from renderer.surroundings import directional_light
-from renderer.synth_files import scene_toml
-from renderer.to_mitsuba import Bsdf, conductor, diffuse, plastic
-from renderer.views import View, views
-from shaders.effects import EFFECTS, NAMES
-from shaders.fresnel import normal_reflectance
-from shaders.materials import Metal
+from fit_material.fitter.effects.interreflection import SAMPLES as PATHS
+from fit_material.fitter.effects.plan import Plan
+from fit_material.fitter.effects.planner import Planner
+from fit_material.fitter.forward.lighting import Setting
+from fit_material.fitter.options.fidelity import PRESETS
+from fit_material.fitter.options.fit_options import FitOptions
+from fit_material.fitter.pipeline.fit_scene import fit_scene
+from fit_material.fitter.result.schema import Result
+from fit_material.renderer.geometry.mesh import Mesh, Shape, Sphere, read_mesh
+from fit_material.renderer.images.image_file import write_exr
+from fit_material.renderer.mitsuba.conversion import Bsdf, conductor, diffuse, plastic
+from fit_material.renderer.path_tracing.differentiable_scene import DifferentiableScene
+from fit_material.renderer.path_tracing.path_tracer import render
+from fit_material.renderer.rays import gbuffer
+from fit_material.renderer.rays.gbuffer import GBuffer
+from fit_material.renderer.rays.occlusion import Occluder
+from fit_material.renderer.scene.lights import directional_light
+from fit_material.renderer.synthesis.camera_placement import View, views
+from fit_material.renderer.synthesis.scene_writer import scene_toml
+from fit_material.shaders.effects import EFFECTS, NAMES
+from fit_material.shaders.materials.types import Metal
+from fit_material.shaders.optics.fresnel import normal_reflectance
 from tests import bowl as golden
 from tests.plan_scenes import LAMP, row_of_balls, torus, write_obj
 

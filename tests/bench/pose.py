@@ -11,12 +11,12 @@ import numpy as np
 import torch
 from jaxtyping import Float
 
-from fitter.result import FittedMaterial, Result
-from renderer.atomic import replaced_together
-from renderer.pose import DEGREES, SHARE, Motion, Pose
-from renderer.scene import Scene, camera_of, read_scene, read_shape
-from renderer.synth import SynthOptions
-from renderer.truth import TrueGlossy
+from fit_material.fitter.result.schema import FittedMaterial, Result
+from fit_material.renderer.cameras.pose_offset import DEGREES, SHARE, Motion, Pose
+from fit_material.renderer.files.atomic import replaced_together
+from fit_material.renderer.materials.ground_truth import TrueGlossy
+from fit_material.renderer.scene.scene_file import Scene, camera_of, read_scene, read_shape
+from fit_material.renderer.synthesis.synthesise import SynthOptions
 from tests.bench.estimates import curve_error, estimate_of
 from tests.bench.fits import How, attempt
 from tests.bench.photographs import Case, photographed, truth_of

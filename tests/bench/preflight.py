@@ -11,11 +11,11 @@ from pathlib import Path
 
 import numpy as np
 
-from fitter.loading import load
-from fitter.preflight.finding import Finding
-from fitter.preflight.preflight import preflight
-from renderer import gbuffer
-from renderer.threads import one_thread_per_operation
+from fit_material.fitter.input_checks.checks import preflight
+from fit_material.fitter.input_checks.finding import Finding
+from fit_material.fitter.observations.scene_data import load
+from fit_material.renderer.compute.threads import one_thread_per_operation
+from fit_material.renderer.rays import gbuffer
 from tests.bench.preflight_faults import FAULTS, FILES, Scene
 from tests.bench.preflight_scenes import COUNT, PreflightScene
 from tests.bench.setting import spread

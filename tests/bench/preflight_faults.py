@@ -15,11 +15,11 @@ import torch
 from jaxtyping import Float
 from scipy import ndimage
 
-from renderer.camera import look_at
-from renderer.environment import read_environment
-from renderer.images import read_image, write_exr
-from renderer.latlong import lookup, of
-from renderer.scene import camera_of, read_scene
+from fit_material.renderer.cameras.camera import look_at
+from fit_material.renderer.environment.environment_file import read_environment
+from fit_material.renderer.environment.latlong import lookup, of
+from fit_material.renderer.images.image_file import read_image, write_exr
+from fit_material.renderer.scene.scene_file import camera_of, read_scene
 from tests.srgb_curve import encoded
 
 FILES = ("exr", "png", "background")

@@ -9,11 +9,11 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float
 
-from fitter.catalogue import metal
-from renderer.environment import directions
-from renderer.images import write_exr
-from renderer.synth import SynthOptions
-from renderer.truth import TrueGlossy, TrueMaterial, TrueMatte, TrueMetal
+from fit_material.renderer.environment.environment import directions
+from fit_material.renderer.images.image_file import write_exr
+from fit_material.renderer.materials.catalogue import metal
+from fit_material.renderer.materials.ground_truth import TrueGlossy, TrueMaterial, TrueMatte, TrueMetal
+from fit_material.renderer.synthesis.synthesise import SynthOptions
 from tests.bench.photographs import photographed
 from tests.bench.setting import CACHE, SHARED
 

@@ -16,18 +16,19 @@ import numpy as np
 import torch
 from jaxtyping import Float
 
-from fitter.catalogue import metal
-from fitter.loading import Loaded, load
-from fitter.pipeline import FitOptions, fit_scene, setting_of
-from fitter.result import FittedMaterial, read_result
-from fitter.search import Problem, rounds
-from fitter.selection import choose_pixels
-from fitter.solve import SOLVERS, compiling
-from renderer import gbuffer
-from renderer.synth import SynthOptions
-from renderer.threads import one_thread_per_operation
-from renderer.truth import TrueMetal
-from shaders.materials import Metal
+from fit_material.fitter.estimation.coarse_to_fine import Problem, rounds
+from fit_material.fitter.forward.lighting import setting_of
+from fit_material.fitter.least_squares.solvers import SOLVERS, compiling
+from fit_material.fitter.observations.pixel_selection import choose_pixels
+from fit_material.fitter.observations.scene_data import Loaded, load
+from fit_material.fitter.pipeline.fit_scene import FitOptions, fit_scene
+from fit_material.fitter.result.schema import FittedMaterial, read_result
+from fit_material.renderer.compute.threads import one_thread_per_operation
+from fit_material.renderer.materials.catalogue import metal
+from fit_material.renderer.materials.ground_truth import TrueMetal
+from fit_material.renderer.rays import gbuffer
+from fit_material.renderer.synthesis.synthesise import SynthOptions
+from fit_material.shaders.materials.types import Metal
 from tests.bench.mitsuba_inverse import State, gauss_newton, gauss_newton_in_one_pass, tuned, tutorial
 from tests.bench.photographs import map_of, photographed, truth_of
 from tests.bench.setting import header, spread
@@ -190,7 +191,17 @@ def _ours(scene: Path, kind: str, truth: Truth) -> Finish:
 
 def _command(scene: Path, truth: Truth, options: str) -> Finish:
     with tempfile.TemporaryDirectory() as folder:
-        command = [sys.executable, "-m", "fitter.cli", "fit", str(scene), "-o", folder, "--quiet", *options.split()]
+        command = [
+            sys.executable,
+            "-m",
+            "fit_material.fitter.commands.app",
+            "fit",
+            str(scene),
+            "-o",
+            folder,
+            "--quiet",
+            *options.split(),
+        ]
         begun = time.perf_counter()
         subprocess.run(command, stdout=subprocess.DEVNULL, check=True)
         seconds = time.perf_counter() - begun
@@ -217,7 +228,7 @@ def _seconds(values: Sequence[float]) -> str:
 
 def main() -> None:
     """The race alone, with limits of one's own."""
-    from renderer.to_mitsuba import variant_here
+    from fit_material.renderer.mitsuba.conversion import variant_here
 
     parser = argparse.ArgumentParser("python -m tests.bench.race", description=__doc__)
     parser.add_argument("--views", type=int, nargs="+", default=Course.views)

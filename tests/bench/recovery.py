@@ -11,7 +11,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from fitter.result import Result, read_result
+from fit_material.fitter.result.schema import Result, read_result
 from tests.bench.photographs import ALPHAS, METALS, Case, truth_of
 from tests.bench.setting import spread
 
@@ -53,7 +53,7 @@ def command_rows(variant: str) -> Iterator[str]:
 def _by_command(case: Case, variant: str) -> Outcome:
     scene = case.scene(variant)
     with tempfile.TemporaryDirectory() as folder:
-        command = [sys.executable, "-m", "fitter.cli", "fit", str(scene), "-o", folder, "--quiet"]
+        command = [sys.executable, "-m", "fit_material", "fit", str(scene), "-o", folder, "--quiet"]
         begun = time.perf_counter()
         process = subprocess.Popen(command, stdout=subprocess.DEVNULL)
         _, status, usage = os.wait4(process.pid, 0)

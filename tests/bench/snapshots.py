@@ -12,11 +12,11 @@ import numpy as np
 import torch
 from jaxtyping import Float
 
-from renderer.environment import read_environment
-from renderer.images import read_image
-from renderer.scene import camera_of, read_scene
-from renderer.to_mitsuba import envmap, mitsuba, sensor
-from shaders.tone_mapping import srgb
+from fit_material.renderer.environment.environment_file import read_environment
+from fit_material.renderer.images.image_file import read_image
+from fit_material.renderer.mitsuba.conversion import envmap, mitsuba, sensor
+from fit_material.renderer.scene.scene_file import camera_of, read_scene
+from fit_material.shaders.tone_mapping import srgb
 
 SHOT = 0.01  # noise over signal where a pixel is full, as of 10⁴ electrons
 READ = 0.0005  # of what fills a pixel

@@ -11,18 +11,20 @@ import numpy as np
 import torch
 from jaxtyping import Float
 
-from fitter.catalogue import metal
-from fitter.fidelity import preset
-from fitter.setting import Setting
-from renderer import gbuffer, transport
-from renderer.camera import Camera, look_at
-from renderer.environment import Environment, read_environment
-from renderer.fused_table import fused_available
-from renderer.gbuffer import GBuffer
-from renderer.mesh import Sphere
-from renderer.threads import cores, one_thread_per_operation
-from renderer.to_mitsuba import conductor, envmap, mitsuba, mitsuba_shapes, sensor
-from shaders.materials import Metal
+from fit_material.fitter.forward.lighting import Setting
+from fit_material.fitter.options.fidelity import preset
+from fit_material.renderer.cameras.camera import Camera, look_at
+from fit_material.renderer.compute.threads import cores, one_thread_per_operation
+from fit_material.renderer.environment.environment import Environment
+from fit_material.renderer.environment.environment_file import read_environment
+from fit_material.renderer.geometry.mesh import Sphere
+from fit_material.renderer.light_kernel.table import fused_available
+from fit_material.renderer.light_tables import light_table
+from fit_material.renderer.materials.catalogue import metal
+from fit_material.renderer.mitsuba.conversion import conductor, envmap, mitsuba, mitsuba_shapes, sensor
+from fit_material.renderer.rays import gbuffer
+from fit_material.renderer.rays.gbuffer import GBuffer
+from fit_material.shaders.materials.types import Metal
 from tests.bench.photographs import map_of
 from tests.bench.setting import spread
 
@@ -177,7 +179,7 @@ def _integration(case: Case, levels: int, fused: bool) -> Callable[[int], object
 
     def run(seed: int) -> object:
         with one_thread_per_operation():
-            return transport.microfacet_table(
+            return light_table.microfacet_table(
                 surface,
                 light,
                 (ALPHA / factor, ALPHA * factor, levels),

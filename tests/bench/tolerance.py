@@ -13,9 +13,9 @@ from pathlib import Path
 
 import numpy as np
 
-from fitter import frontier_runs
-from fitter.frontier_runs import Ended
-from fitter.result import Result, Rung
+from fit_material.fitter.frontier import runs as frontier_runs
+from fit_material.fitter.frontier.runs import Ended
+from fit_material.fitter.result.schema import Result, Rung
 from tests.bench.estimates import estimate_of, stated_determined, true_numbers
 from tests.bench.fits import attempt, in_processes
 from tests.bench.grid import NAMES, SPP, Selection, share
@@ -176,7 +176,17 @@ def commands(scenes: Sequence[Path], repeats: int) -> Iterator[str]:
 def _command(scene: Path, options: Sequence[str]) -> Ended:
     """Raises RuntimeError where the command did not come to a result: its seconds would mean nothing."""
     with tempfile.TemporaryDirectory() as folder:
-        command = [sys.executable, "-m", "fitter.cli", "fit", str(scene), "-o", f"{folder}/out", "--quiet", *options]
+        command = [
+            sys.executable,
+            "-m",
+            "fit_material.fitter.commands.app",
+            "fit",
+            str(scene),
+            "-o",
+            f"{folder}/out",
+            "--quiet",
+            *options,
+        ]
         ended = frontier_runs.measured(command, Path(folder) / "errors.txt")
     if ended.code not in (0, 1):
         raise RuntimeError(f"{scene.parent.name} {' '.join(options)}: code {ended.code}, {ended.last_words}")

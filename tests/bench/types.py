@@ -11,12 +11,12 @@ from pathlib import Path
 
 import numpy as np
 
-from fitter.catalogue import metal
-from fitter.fidelity import preset
-from fitter.pipeline import FitOptions, fit_scene
-from fitter.result import FittedMaterial, Result
-from renderer.synth import SynthOptions
-from renderer.truth import TrueGlossy, TrueMaterial, TrueMatte, TrueMetal
+from fit_material.fitter.options.fidelity import preset
+from fit_material.fitter.pipeline.fit_scene import FitOptions, fit_scene
+from fit_material.fitter.result.schema import FittedMaterial, Result
+from fit_material.renderer.materials.catalogue import metal
+from fit_material.renderer.materials.ground_truth import TrueGlossy, TrueMaterial, TrueMatte, TrueMetal
+from fit_material.renderer.synthesis.synthesise import SynthOptions
 from tests.bench.photographs import map_of, photographed, truth_of
 from tests.bench.setting import spread
 

@@ -12,16 +12,16 @@ from pathlib import Path
 from random import Random
 from typing import Any
 
-from fitter.batch.scene_list import read_lists
-from fitter.export import FORMATS, export
-from fitter.result import read_result
-from renderer.errors import InputError
-from renderer.images import read_image
-from renderer.mesh import read_mesh
-from renderer.mitsuba_sensors import read_sensors
-from renderer.mtl import read_mtl
-from renderer.scene import read_scene
-from renderer.transforms import read_transforms
+from fit_material.fitter.batch.scene_list import read_lists
+from fit_material.fitter.export.formats import FORMATS, export
+from fit_material.fitter.result.schema import read_result
+from fit_material.renderer.camera_files.mitsuba_sensors import read_sensors
+from fit_material.renderer.camera_files.nerf_transforms import read_transforms
+from fit_material.renderer.errors.input_error import InputError
+from fit_material.renderer.geometry.mesh import read_mesh
+from fit_material.renderer.images.image_file import read_image
+from fit_material.renderer.materials.mtl_reader import read_mtl
+from fit_material.renderer.scene.scene_file import read_scene
 from tests.fuzz.mutations import mutated
 from tests.fuzz.seeds import MTL, OBJ, TRANSFORMS, seeds
 

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from fitter.result import (
+from fit_material.fitter.result.schema import (
     Determined,
     Effect,
     FittedMaterial,
@@ -25,7 +25,7 @@ from fitter.result import (
     Time,
     write_result,
 )
-from renderer.images import write_exr
+from fit_material.renderer.images.image_file import write_exr
 from tests.bench.setting import SHARED
 
 LARGEST = 20_000  # bytes of a seed

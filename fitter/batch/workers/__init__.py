@@ -1,0 +1,1 @@
+"""Processes that fit scenes for a batch."""

@@ -1,0 +1,1 @@
+"""`fit-material`: one file per command."""

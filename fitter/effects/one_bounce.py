@@ -1,0 +1,80 @@
+"""Light that a surface receives from the object itself, estimated: what is met is shaded as the viewer shades it.
+
+One bounce, in the far surroundings' light as far as that arrives; more bounces add less. It says whether paths are
+worth tracing, and traces none.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import torch
+from jaxtyping import Bool, Float
+from torch import Tensor
+
+from fit_material.fitter.estimation.viewer_roughness import RHO_PER_ALPHA
+from fit_material.fitter.forward.lighting import Setting
+from fit_material.renderer.light_tables.light_table import reflect
+from fit_material.renderer.materials.textured_material import Appearance
+from fit_material.renderer.rays.gbuffer import GBuffer, Tracer
+from fit_material.renderer.rays.self_visibility import cosine_directions, lifted, rough_reflections
+from fit_material.renderer.viewer_model.shading import far_light, shade_surface
+from fit_material.shaders.materials.fresnel_models import exact_reflectance
+from fit_material.shaders.materials.types import Glossy, Material, Matte, Metal
+
+DIRECTIONS = 32
+
+
+def returned_light(trace: Tracer, surface: GBuffer, setting: Setting, material: Material) -> Float[Tensor, "p 3"]:
+    """Radiance that points [p] send to the viewer of light that came from the object, float64.
+
+    Args:
+        trace: of the object.
+        surface: points on its front.
+        setting: the light.
+        material: of all of it.
+    """
+    surface = lifted(surface)
+    u1, u2 = torch.quasirandom.SobolEngine(2, scramble=True, seed=0).draw(DIRECTIONS).double().T
+    u1, u2 = (each.expand(len(surface.hit), -1) for each in (u1, u2))
+    found = torch.zeros(len(surface.hit), 3, dtype=torch.float64)
+    if isinstance(material, Metal | Glossy):
+        mirrored = rough_reflections(surface, u1, u2, float(material.roughness))
+        reflectance = exact_reflectance(material, surface.n_dot_v[:, None].clamp(0, 1))
+        found = found + reflectance * _from_itself(trace, surface, mirrored, setting, material)
+    if isinstance(material, Glossy | Matte):
+        above = cosine_directions(surface, u1, u2)
+        found = found + material.color * _from_itself(trace, surface, above, setting, material)
+    return found
+
+
+def _from_itself(
+    trace: Tracer, surface: GBuffer, towards: Float[Tensor, "p s 3"], setting: Setting, material: Material
+) -> Float[Tensor, "p 3"]:
+    """Mean radiance from these directions, of which what does not meet the object counts as dark."""
+    above = (towards * surface.geometric_normal[:, None]).sum(-1) > 0
+    origins = surface.position[:, None].expand_as(towards)
+    met = trace(origins[above], towards[above])
+    shown = replace(met, hit=met.front, material=0 * met.material, part=0 * met.part)
+    shaded = shade_surface(shown, [Appearance(_as_viewed(material))], [far_light(setting.viewers)]).double()
+    radiance = torch.zeros_like(towards)
+    radiance[above] = shaded * ~_hidden(trace, shown, material)[:, None]
+    return radiance.mean(1)
+
+
+def _hidden(trace: Tracer, met: GBuffer, material: Material) -> Bool[Tensor, " p"]:
+    """Whether the object hides what lights these points: what they mirror, or one direction above a diffuse body."""
+    places = lifted(met)
+    if isinstance(material, Matte):
+        u = torch.rand(2, len(met.hit), 1, generator=torch.Generator().manual_seed(0), dtype=torch.float64)
+        lit_from = cosine_directions(places, *u)[:, 0]
+    else:
+        lit_from = reflect(places)
+    hidden = torch.zeros_like(met.hit)
+    hidden[met.hit] = trace(places.position[met.hit], lit_from[met.hit]).hit
+    return hidden
+
+
+def _as_viewed(material: Material) -> Material:
+    """The material with the viewer's roughness in place of alpha."""
+    return material if isinstance(material, Matte) else replace(material, roughness=RHO_PER_ALPHA * material.roughness)

@@ -1,0 +1,1 @@
+"""One material as fitted: numbers, verdicts, limitations."""

@@ -1,0 +1,82 @@
+"""The fit of one of an object's materials."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from fit_material.fitter.effects.interreflection import Polish
+from fit_material.fitter.estimation.model_selection import Choice
+from fit_material.fitter.forward.lighting import Setting
+from fit_material.fitter.least_squares.covariance import Spread
+from fit_material.fitter.observations.pixel_selection import Observations
+from fit_material.fitter.result.schema import FittedMaterial, Tolerance
+from fit_material.fitter.uncertainty.tolerance import Ascent
+from fit_material.renderer.rays.gbuffer import GBuffer
+
+if TYPE_CHECKING:
+    from fit_material.fitter.fitted.color_texture import ColorMap
+
+
+@dataclass(frozen=True)
+class FittedPart:
+    """The fit of one of the object's materials.
+
+    Attributes:
+        index: of the material among the mesh's.
+        observed: its pixels.
+        choice: its fit.
+        spread: covariance of the fit's free vector.
+        material: the numbers to report.
+        told: the same in sentences.
+        setting: the light, and how accurately it was computed.
+        described: the fit in sentences, by its numbers.
+        ascent: to the tolerance asked for; None where none was.
+        polish: with Mitsuba's paths; None where there was none.
+        color_map: the texture of the body; None where it is taken for even.
+    """
+
+    index: int
+    observed: Observations
+    choice: Choice
+    spread: Spread
+    material: FittedMaterial
+    told: str
+    setting: Setting
+    described: Callable[[FittedMaterial], str]
+    ascent: Ascent | None = None
+    polish: Polish | None = None
+    color_map: ColorMap | None = None
+
+    @property
+    def tolerance(self) -> Tolerance | None:
+        """How the tolerance asked for was met; None where none was."""
+        return None if self.ascent is None else self.ascent.record(self.material.name)
+
+    def renumbered(self, material: FittedMaterial) -> FittedPart:
+        """The same with other numbers, of which the sentences then are."""
+        rest = self.told.removeprefix(self.described(self.material))
+        return replace(self, material=material, told=f"{self.described(material)}{rest}")
+
+    def by(self, ascent: Ascent) -> FittedPart:
+        """The same, and how a tolerance was met."""
+        return replace(self, told=f"{self.told} {ascent.sentence}", ascent=ascent)
+
+
+def painted(
+    parts: Sequence[FittedPart],
+    surface: GBuffer,
+    radiance_of: Callable[[FittedPart, GBuffer], Float[Tensor, "p 3"]],
+) -> Float[Tensor, "p 3"]:
+    """Radiance of pixels [p, k], each by the part whose material it shows, float64."""
+    radiance = torch.zeros(len(surface.hit), 3, dtype=torch.float64)
+    for part in parts:
+        own = surface.material[:, 0] == part.index
+        if own.any():
+            radiance[own] = radiance_of(part, surface[own])
+    return radiance

@@ -1,0 +1,1 @@
+"""Radiance of the fitted pixels as a function of the material."""

@@ -1,0 +1,1 @@
+"""Residuals, their weights and derivatives, solvers, and the covariance of a solution."""

@@ -1,0 +1,1 @@
+"""How each type of material is fitted: coordinates, bounds, starts."""

@@ -1,0 +1,1 @@
+"""What a catalogue of metals contributes where photographs leave n and k open."""

@@ -1,0 +1,1 @@
+"""Which photograph to take next."""

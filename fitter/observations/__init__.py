@@ -1,0 +1,1 @@
+"""Photographs, and the pixels of them that are fitted."""

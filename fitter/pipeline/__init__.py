@@ -1,0 +1,1 @@
+"""A fit from the scene file to its folder."""

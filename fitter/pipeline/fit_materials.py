@@ -1,0 +1,175 @@
+"""The fit of each of an object's materials from its own pixels."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Callable, Collection, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from fit_material.fitter.effects.interreflection import polish_scene, polished
+from fit_material.fitter.estimation.model_selection import Choice, fit_type
+from fit_material.fitter.estimation.problem import Problem
+from fit_material.fitter.estimation.viewer_roughness import viewer_roughness
+from fit_material.fitter.fitted.determinability import seen_by
+from fit_material.fitter.fitted.nuisance_estimates import guessed, turned
+from fit_material.fitter.fitted.part import FittedPart
+from fit_material.fitter.fitted.summary import describe, fitted_material
+from fit_material.fitter.forward.lighting import Setting
+from fit_material.fitter.forward.textured_pixels import SpottedPixels
+from fit_material.fitter.least_squares.solvers import SOLVERS
+from fit_material.fitter.materials.coordinates import MetalCoordinates
+from fit_material.fitter.metal_prior.nearest_metals import nearest_metals
+from fit_material.fitter.metal_prior.substitution import borrow
+from fit_material.fitter.observations.background_calibration import nuisances_of
+from fit_material.fitter.observations.multi_view_points import choose_spots
+from fit_material.fitter.observations.pixel_selection import Observations, choose_pixels
+from fit_material.fitter.observations.scene_data import Loaded, kinds_of
+from fit_material.fitter.options.fidelity import Fidelity
+from fit_material.fitter.options.fit_options import FitOptions, Prior
+from fit_material.fitter.options.progress import Progress
+from fit_material.fitter.result.schema import FittedMaterial
+from fit_material.fitter.uncertainty.active_bound import reported
+from fit_material.fitter.uncertainty.tolerance import FIRST_PIXELS, ascend
+from fit_material.renderer.rays.gbuffer import Tracer
+from fit_material.shaders.materials.quantities import MaterialType
+from fit_material.shaders.materials.types import Glossy
+
+if TYPE_CHECKING:
+    pass
+
+
+MOST_TRACED = 4000  # pixels, of which paths take a minute or two; what they leave uncertain in F0 is a thousandth
+
+
+def fit_parts(
+    loaded: Loaded,
+    trace: Tracer,
+    setting: Setting,
+    options: FitOptions,
+    progress: Progress,
+    scene_file: Path,
+    kinds: Sequence[MaterialType | None] | None = None,
+    kept: Collection[int] = (),
+) -> list[FittedPart]:
+    """Each material from its own pixels.
+
+    Args:
+        loaded, trace, setting, options: what there is, and how to fit it.
+        progress: told the stage and its share done.
+        scene_file: for the sentences of errors.
+        kinds: types of the materials, None to find them; as scene file and options say where left out.
+        kept: materials of which pixels are taken though they mirror the object.
+    """
+    types = kinds_of(loaded, options) if kinds is None else kinds
+    nuisances = nuisances_of(loaded, trace)
+
+    @functools.cache
+    def chosen(count: int) -> list[Observations | None]:
+        def by(choose: Callable[..., list[Observations | None]]) -> list[Observations | None]:
+            return choose(
+                loaded.photographs,
+                trace,
+                scene_file,
+                count=count,
+                footprint=setting.fidelity.footprint,
+                seed=options.seed,
+                materials=len(loaded.materials),
+                left_out=loaded.repeated,
+                kept=kept,
+                progress=lambda share: progress("choosing pixels", share),
+            )
+
+        if "color" not in options.maps:
+            return by(choose_pixels)
+        spots = by(choose_spots)
+        if None not in spots:
+            return spots
+        return [spot or pixels for spot, pixels in zip(spots, by(choose_pixels), strict=True)]
+
+    def problem_at(fidelity: Fidelity, index: int) -> Problem:
+        observed, label = chosen(fidelity.pixels)[index], _labelled(progress, loaded.materials[index], len(seen))
+        assert observed is not None
+        light = replace(setting, fidelity=fidelity)
+        return Problem(observed, light, SOLVERS[options.solver], label, nuisances=nuisances)
+
+    seen = chosen(setting.fidelity.pixels if options.tolerance is None else FIRST_PIXELS)
+    return [
+        _fitted_part(index, functools.partial(problem_at, index=index), loaded, setting.fidelity, options, types[index])
+        for index, observed in enumerate(seen)
+        if observed is not None
+    ]
+
+
+def _fitted_part(
+    index: int,
+    problem_at: Callable[[Fidelity], Problem],
+    loaded: Loaded,
+    fidelity: Fidelity,
+    options: FitOptions,
+    kind: MaterialType | None,
+) -> FittedPart:
+    """One material: by the fidelity, or by as much of it as a tolerance takes."""
+    name = loaded.materials[index]
+    if options.tolerance is None:
+        problem = problem_at(fidelity)
+        return _part(index, name, problem.observed, fit_type(problem, kind), problem.setting, options.prior)
+    ascent = ascend(problem_at, fidelity, kind, options.tolerance)
+    problem = ascent.problem
+    return _part(index, name, problem.observed, ascent.choice, problem.setting, options.prior).by(ascent)
+
+
+def polished_parts(
+    loaded: Loaded, parts: Sequence[FittedPart], options: FitOptions, progress: Progress
+) -> list[FittedPart]:
+    """The metals again, each in the light that the others send it; the rest as it was."""
+    found = {part.index: part.choice.fit.material for part in parts}
+
+    def again(part: FittedPart) -> FittedPart:
+        if found[part.index].type != "metal":
+            return replace(
+                part, told=f"{part.told} Mitsuba's paths are traced for metals alone, and left it as it was."
+            )
+        label = _labelled(progress, part.material.name, len(parts))
+        unhindered = replace(part.setting, occluder=None)  # what the object hides, the paths know
+        few = part.observed[:: -(-len(part.observed.radiance) // MOST_TRACED)]
+        gains = part.choice.fit.residuals.gains
+        error = float(part.spread.covariance[-1, -1].sqrt())
+        nuisances = None if gains is None else gains.nuisances.with_turn_found(float(part.choice.fit.x[-1]), error)
+        problem = Problem(few, unhindered, SOLVERS[options.solver], label, nuisances=nuisances)
+        polish = polished(problem, part.choice.fit, polish_scene(loaded, part.setting, found, part.index))
+        choice = replace(part.choice, fit=polish.fit)
+        made = _part(part.index, part.material.name, few, choice, unhindered, options.prior)
+        made = replace(made, polish=polish)
+        return made if part.ascent is None else made.by(part.ascent.followed_by(polish.fit, problem))
+
+    return [again(part) for part in parts]
+
+
+def _labelled(progress: Progress, name: str, count: int) -> Progress:
+    """Progress that names the material where there are several."""
+    return progress if count == 1 else lambda stage, share: progress(f"{name}: {stage}", share)
+
+
+def _part(index: int, name: str, observed: Observations, choice: Choice, setting: Setting, prior: Prior) -> FittedPart:
+    fit, uncertainty = reported(choice.fit)
+    choice = replace(choice, fit=fit)
+    setting = turned(setting, fit)
+    coordinates = fit.residuals.coordinates
+    nearest = nearest_metals(fit.x, coordinates, uncertainty) if isinstance(coordinates, MetalCoordinates) else ()
+    rho = None
+    if not setting.fidelity.blurs and fit.material.type != "matte":
+        model = fit.residuals.model
+        tint = None
+        if isinstance(model, SpottedPixels) and isinstance(fit.material, Glossy):
+            tint = model.tint(fit.material)
+        rho = viewer_roughness(observed.measured, setting.viewers, fit.material, tint)
+    borrowed = borrow(fit, uncertainty, prior)
+    material = fitted_material(name, fit, uncertainty, rho, nearest, borrowed)
+    seen = seen_by(fit, observed, guessed(fit, uncertainty))
+
+    def described(material: FittedMaterial) -> str:
+        return describe(choice, material, seen, borrowed)
+
+    return FittedPart(index, observed, choice, uncertainty, material, described(material), setting, described)

@@ -1,0 +1,32 @@
+"""Options of a fit that do not go together, found before anything is read."""
+
+from __future__ import annotations
+
+from fit_material.fitter.effects.plan import require_choosable
+from fit_material.fitter.options.fit_options import FitOptions
+from fit_material.renderer.errors.input_error import InputError
+
+
+def require_consistent(options: FitOptions) -> None:
+    """Raises InputError where one option takes what another one gives: names both."""
+    require_choosable(options.wanted, options.unwanted)
+    if options.polish and "interreflection" in options.unwanted:
+        raise InputError("--polish", value="--without interreflection", expected="one of the two, not both")
+    reflectance = options.fidelity.reflectance
+    if "exact-fresnel" in options.wanted and reflectance != "conductor":
+        expected = "--reflectance conductor, which is exact"
+        raise InputError("--with", value=f"exact-fresnel, --reflectance {reflectance}", expected=expected)
+    if options.maps:
+        if options.fidelity.blurs:
+            expected = (
+                "a fidelity of microfacets, such as --fidelity standard: the viewer's model is not linear in colour"
+            )
+            raise InputError("--maps", value=f"color, --lobe {options.fidelity.lobe}", expected=expected)
+        if options.type == "metal":
+            raise InputError("--maps", value="color, --type metal", expected="--type glossy, matte or auto beside it")
+        if "color-map" in options.unwanted:
+            raise InputError("--maps", value="color, --without color-map", expected="one of the two, not both")
+    if options.tolerance is not None:
+        from fit_material.fitter.uncertainty.tolerance import require_tolerance
+
+        require_tolerance(options.tolerance, options.fidelity)

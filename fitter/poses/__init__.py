@@ -1,0 +1,1 @@
+"""Cameras moved until outlines and reflections agree."""

@@ -1,0 +1,75 @@
+"""Each effect by itself: the picture with all that is on, the one without it, and their difference."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from jaxtyping import Float
+from torch import Tensor
+
+from fit_material.fitter.fitted.part import FittedPart, painted
+from fit_material.fitter.fitted.planned import PlannedFit
+from fit_material.fitter.forward.lighting import Setting
+from fit_material.fitter.observations.album import Thumbnail
+from fit_material.fitter.report.image_quality import ViewPictures
+from fit_material.renderer.rays.gbuffer import GBuffer, Tracer
+from fit_material.renderer.rays.picture import Picture, draw
+from fit_material.shaders.materials.types import Glossy, Material, Matte, Metal
+
+SIDE = 96  # pixels along a strip's pictures at most
+SAMPLES = 128
+FOOTPRINT = 2
+ALWAYS = frozenset({"horizon", "normal-map", "double-bounce"})
+"""Effects that no picture of a fit is without."""
+
+
+def strips(planned: PlannedFit, thumbnail: Thumbnail, trace: Tracer) -> list[ViewPictures]:
+    """Of each effect that is on the pictures with and without it, as `photograph` and `fit` under its name.
+
+    Args:
+        planned: the materials found, and by which effects.
+        thumbnail: of the photograph whose pixels are drawn.
+        trace: of the object.
+    """
+    step = -(-max(thumbnail.mask.shape) // SIDE)
+    mask, distance = thumbnail.mask[::step, ::step], thumbnail.step * step
+
+    def picture(without: str | None) -> Picture:
+        def shade(surface: GBuffer) -> Float[Tensor, "p 3"]:
+            return painted(planned.parts, surface, lambda part, seen: _radiance(planned, part, seen, without))
+
+        return draw(trace, thumbnail.camera, mask, distance, FOOTPRINT, shade)
+
+    whole = picture(None)
+    shown, drawn = whole.radiance.numpy(), whole.mask.numpy()
+    names = [each.name for each in planned.plan.decisions if each.on and each.name not in ALWAYS]
+    return [ViewPictures(name, shown, picture(name).radiance.numpy(), drawn) for name in names]
+
+
+def _radiance(planned: PlannedFit, part: FittedPart, surface: GBuffer, without: str | None) -> Float[Tensor, "p 3"]:
+    """One material's picture with the plan's effects, but for one."""
+    material = part.choice.fit.material
+
+    def drawn(made: Material = material, setting: Setting = part.setting) -> Float[Tensor, "p 3"]:
+        return setting.simulating(setting.effects - {without or ""}).radiance(made, surface, SAMPLES)
+
+    if without == "diffuse-irradiance" and not isinstance(material, Metal):
+        return drawn(_bodiless(material)) if isinstance(material, Glossy) else 0 * drawn()
+    if without == "reflection" and not isinstance(material, Matte):
+        return drawn() - drawn(_bodiless(material)) if isinstance(material, Glossy) else 0 * drawn()
+    if part.polish is None:
+        return drawn()
+    if without not in ("self-visibility", "interreflection"):
+        return drawn() + part.polish.picture(surface)
+    by_rays = part.setting.effects | {"self-visibility"}  # in place of the paths, which have it with the rest
+    occluded = replace(part.setting, occluder=planned.planner.occluder, effects=by_rays)
+    direct = occluded.radiance(material, surface, SAMPLES)
+    if without == "interreflection":
+        return direct
+    hidden = drawn() - direct
+    return drawn() + part.polish.picture(surface) + hidden
+
+
+def _bodiless(material: Glossy) -> Glossy:
+    """The material's surface over a black body."""
+    return replace(material, color=0 * material.color)

@@ -1,0 +1,249 @@
+"""What the photographs say of a texture: for each pixel where it looks, how it is lit, and what it mirrors besides.
+
+seen = mirrored + body · mean of the texture over the pixel
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import torch
+from jaxtyping import Bool, Float
+from scipy import sparse
+from torch import Tensor
+
+from fit_material.fitter.fitted.part import FittedPart
+from fit_material.fitter.forward.lighting import Setting
+from fit_material.fitter.forward.pixel_model import ExactPixels
+from fit_material.fitter.forward.received_light import DiffuseLight
+from fit_material.fitter.forward.surface_samples import Sparse
+from fit_material.fitter.observations.photograph import Photograph
+from fit_material.fitter.textures.radiosity import PLACES, Looking, Radiosity, Transfer, radiosity, shifted_points
+from fit_material.renderer.light_tables.irradiance_table import even_table
+from fit_material.renderer.rays import gbuffer
+from fit_material.renderer.rays.gbuffer import GBuffer, Tracer
+from fit_material.renderer.rays.occlusion import Occluder
+from fit_material.renderer.rays.self_visibility import rough_reflections
+from fit_material.shaders.materials.fresnel_models import exact_reflectance
+from fit_material.shaders.materials.types import Glossy, Matte
+from fit_material.shaders.optics import microfacets
+
+SIDE = 3  # rays along each side of a pixel
+MOST_PIXELS = 1_500_000  # of all photographs; of more, blocks of pixels are taken together
+LEAST_COSINE = 0.2  # n·v: of pixels that see the surface flatter, three rays a side leave gaps
+SAMPLES = 64  # directions of the mirrored light, at most
+MIRRORED = 32  # rays of each pixel in which it looks for the object that it mirrors
+MOST_MIRRORED = 1 << 24  # of all pixels
+FEWEST_PLACES = 8  # that may stand for a material
+AT_ONCE = 1 << 15  # pixels
+TENSORS = ("uv", "area", "seen", "surface", "far", "sources", "even")
+
+
+@dataclass(frozen=True)
+class Rows:
+    """Pixels of one photograph that see the material.
+
+    Attributes:
+        uv: where their rays meet the texture, [p, SIDE²], float32.
+        area: of the texture that each pixel covers, in units of the whole.
+        seen: what the photograph shows.
+        surface: light that is mirrored, but for the object's own.
+        far: light that a white body sends out in the far surroundings, if nothing but given maps dims them.
+        sources: the same of directional lights.
+        even: the same of light of radiance 1 from all sides.
+        mixing: of places at which diffuse light is known, [p, n]; None where it is not.
+        itself: what of the object the surface mirrors, weighted by how much; None where that is left out.
+    """
+
+    uv: Float[Tensor, "p k 2"]
+    area: Float[Tensor, " p"]
+    seen: Float[Tensor, "p 3"]
+    surface: Float[Tensor, "p 3"]
+    far: Float[Tensor, "p 3"]
+    sources: Float[Tensor, "p 3"]
+    even: Float[Tensor, "p 3"]
+    mixing: Sparse | None = None
+    itself: Transfer | None = None
+
+    def mirrored(self, light: DiffuseLight | None) -> Float[np.ndarray, "p 3"]:
+        """Light that is mirrored, where diffuse light is as it is at places; None for far surroundings alone."""
+        surface = self.surface.numpy()
+        return surface if light is None or self.itself is None else surface + self.itself.arriving(light)
+
+    def body(self, light: DiffuseLight | None) -> Float[np.ndarray, "p 3"]:
+        """Light that a white body sends out."""
+        far, sources, even = (each.numpy() for each in (self.far, self.sources, self.even))
+        if light is None or self.mixing is None:
+            return far + sources
+        return far * (self.mixing @ light.share) + sources + even * (self.mixing @ light.returned)
+
+
+def rows(
+    part: FittedPart,
+    photographs: Sequence[Photograph],
+    trace: Tracer,
+    left_out: Sequence[int],
+    found: Radiosity | None,
+    progress: Callable[[float], None],
+) -> list[Rows]:
+    """The rows of every photograph but those `left_out`.
+
+    Args:
+        part: the material, and its light.
+        photographs, trace, left_out: of what.
+        found: the places by which rows tell their diffuse light; None where they know it all.
+        progress: told the share done.
+    """
+    looked_at = [index for index in range(len(photographs)) if index not in left_out]
+    pixels = int(photographs[looked_at[0]].mask.sum()) * len(looked_at)
+    width = max(1, math.ceil(math.sqrt(pixels / MOST_PIXELS)))  # of blocks that are taken together
+    rays = min(MIRRORED, max(1, MOST_MIRRORED * width**2 // max(1, pixels)))
+    about = _About(part, trace, found, rays)
+    every = []
+    for done, index in enumerate(looked_at):
+        progress(done / len(looked_at))
+        every.append(_rows(about, photographs[index], width))
+    return every
+
+
+@dataclass(frozen=True)
+class _About:
+    """What rows are made by; `rays` are those of each pixel in which it looks for the object that it mirrors."""
+
+    part: FittedPart
+    trace: Tracer
+    found: Radiosity | None
+    rays: int
+
+
+def radiosity_on(
+    part: FittedPart,
+    photographs: Sequence[Photograph],
+    trace: Tracer,
+    left_out: Sequence[int],
+    returning: bool,
+    seed: int,
+) -> Radiosity | None:
+    """How the object's places are lit; None where a map says what it hides, where nothing does or shall, or where the
+    material is seen too little.
+
+    Args:
+        part, photographs, trace, left_out: as of `rows`.
+        returning: whether light is counted that the object sends to itself.
+        seed: of the choice of places.
+    """
+    setting = part.setting
+    mapped = part.index < len(setting.openness) and setting.openness[part.index] is not None
+    if setting.occluder is None or "ambient-occlusion" not in setting.effects or mapped:
+        return None
+    looked_at = [index for index in range(len(photographs)) if index not in left_out]
+    generator, places = torch.Generator().manual_seed(seed), []
+    for index in looked_at:
+        row, column = photographs[index].mask.nonzero().T
+        chosen = torch.randperm(len(row), generator=generator)[: -(-PLACES // len(looked_at))]
+        centres = gbuffer.pixel_footprints(trace, photographs[index].camera, column[chosen], row[chosen], 1)[:, 0]
+        places.append(centres[centres.front & (centres.material == part.index)])
+    seen = gbuffer.concatenate(places)
+    return radiosity(setting, seen, trace, returning, seed) if len(seen.hit) >= FEWEST_PLACES else None
+
+
+def _rows(about: _About, photograph: Photograph, width: int) -> Rows:
+    radiance, mask = _blocks(photograph, width)
+    parts = []
+    for row, column in _some(mask):
+        surface = gbuffer.pixel_footprints(about.trace, photograph.camera, column, row, SIDE, width)
+        own = surface.front & (surface.material == about.part.index) & (surface.n_dot_v > LEAST_COSINE)
+        usable = own.all(-1)
+        if usable.any():
+            parts.append(_lit(about, surface[usable], radiance[row[usable], column[usable]].double()))
+    if not parts:
+        none = torch.zeros(0, 3, dtype=torch.float64)
+        return Rows(torch.zeros(0, SIDE**2, 2), torch.zeros(0), none, none, none, none, none)
+    uv, area, seen, surface, far, sources, even = (torch.cat([getattr(each, key) for each in parts]) for key in TENSORS)
+    mixing = None if about.found is None else sparse.vstack([each.mixing for each in parts], "csr")
+    mirrors = [each.itself for each in parts if each.itself is not None]
+    itself = Transfer.joined(mirrors) if mirrors else None
+    return Rows(uv, area, seen, surface, far, sources, even, mixing, itself)
+
+
+def _blocks(photograph: Photograph, width: int) -> tuple[Float[Tensor, "h w 3"], Bool[Tensor, "h w"]]:
+    """Means over square blocks, and which of them consist of usable pixels only."""
+    if width == 1:
+        return photograph.radiance, photograph.mask
+    height, across = (side // width for side in photograph.mask.shape)
+
+    def pooled(picture: Float[Tensor, "h w c"]) -> Float[Tensor, "i j c"]:
+        cut = picture[: height * width, : across * width]
+        return cut.reshape(height, width, across, width, -1).mean((1, 3))
+
+    return pooled(photograph.radiance), pooled(photograph.mask[..., None].double())[..., 0] == 1
+
+
+def _some(mask: Bool[Tensor, "h w"]) -> Iterator[tuple[Tensor, Tensor]]:
+    """Rows and columns of a mask's pixels, some at a time."""
+    for part in mask.nonzero().split(AT_ONCE):
+        if len(part):
+            yield part[:, 0], part[:, 1]
+
+
+def _lit(about: _About, surface: GBuffer, seen: Float[Tensor, "p 3"]) -> Rows:
+    part, found = about.part, about.found
+    material, setting = part.choice.fit.material, part.setting
+    assert isinstance(material, Glossy | Matte)
+    known = {"ambient-occlusion"} if found is not None else set()
+    unhidden = setting.simulating(setting.effects - known)
+    model = unhidden.pixels(surface, body=True, shown=True)
+    assert isinstance(model, ExactPixels)
+    table = unhidden.table_of(material, surface, min(setting.fidelity.samples, SAMPLES))
+    white = replace(material, color=torch.ones_like(material.color))
+    mirrored = model.under(table).radiance(replace(material, color=0 * material.color))
+    far, sources, even = (each.sent_by_body(white) for each in _lights(model))
+    centre = surface[:, SIDE**2 // 2]
+    mixing = None if found is None else found.places.mixing(centre)
+    itself, sees = None, "self-visibility" in setting.effects  # else what it hides is still among the mirrored
+    if isinstance(material, Glossy) and sees and found is not None and found.transfer is not None:
+        itself = _itself(material, setting, centre, Looking(about.trace, _occluder(setting), found.places), about.rays)
+    return Rows(surface.uv.float(), _texture_area(surface), seen, mirrored, far, sources, even, mixing, itself)
+
+
+def _lights(model: ExactPixels) -> tuple[ExactPixels, ExactPixels, ExactPixels]:
+    """The same bodies in the far surroundings, in the directional lights, and in light of radiance 1 from all sides."""
+    assert model.body is not None
+    body, unlit = model.body, 0 * model.body.light
+    even = even_table(body.light.shape[1])[:, None].expand_as(body.light)
+    return (
+        replace(model, sources=()),
+        replace(model, body=replace(body, light=unlit)),
+        replace(model, body=replace(body, light=even), sources=()),
+    )
+
+
+def _occluder(setting: Setting) -> Occluder:
+    assert setting.occluder is not None
+    return setting.occluder
+
+
+def _itself(material: Glossy, setting: Setting, surface: GBuffer, looking: Looking, rays: int) -> Transfer:
+    """What of the object points [p] mirror, each ray weighted by BRDF · n·l over the density that it is drawn by."""
+    alpha, distribution = float(material.roughness), setting.fidelity.distribution
+    generator = torch.Generator().manual_seed(setting.seed)
+    towards = rough_reflections(surface, *shifted_points(len(surface.hit), rays, generator), alpha)
+    half = torch.nn.functional.normalize(towards + surface.view[:, None], dim=-1)
+    cos_h, cos_d = ((half * each[:, None]).sum(-1).clamp(1e-6, 1) for each in (surface.normal, surface.view))
+    cos_l, cos_v = (towards * surface.normal[:, None]).sum(-1), surface.n_dot_v[:, None].clamp_min(1e-6)
+    drawn = microfacets.visible_normal_density(cos_v, cos_h, alpha)
+    mirrored = microfacets.reflected(cos_v, cos_l, cos_h, alpha, distribution) / drawn
+    return Transfer.of(surface, towards, exact_reflectance(material, cos_d[..., None])[..., 0] * mirrored, looking)
+
+
+def _texture_area(surface: GBuffer) -> Float[Tensor, " p"]:
+    """|∂uv/∂x × ∂uv/∂y| of each pixel, from its outermost rays; too large where a seam crosses it."""
+    uv = surface.uv.reshape(-1, SIDE, SIDE, 2)
+    nodes = gbuffer.equal_weight_nodes(SIDE)
+    between = nodes[-1] - nodes[0]
+    right = (uv[:, SIDE // 2, -1] - uv[:, SIDE // 2, 0]) / between
+    down = (uv[:, -1, SIDE // 2] - uv[:, 0, SIDE // 2]) / between
+    return (right[:, 0] * down[:, 1] - right[:, 1] * down[:, 0]).abs()

@@ -1,0 +1,1 @@
+"""Pinhole cameras, lenses, offsets of poses, and photographs without distortion."""

@@ -1,0 +1,1 @@
+"""What computes: cores, memory, devices, processes, and interpolation by Chebyshev's polynomials."""

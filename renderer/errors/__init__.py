@@ -1,0 +1,1 @@
+"""Wrong input as one sentence, and text of strangers made safe to print."""

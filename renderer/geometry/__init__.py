@@ -1,0 +1,1 @@
+"""Meshes: their files, tangents and bounds."""

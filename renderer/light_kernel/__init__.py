@@ -1,0 +1,1 @@
+"""Light tables in one kernel of LLVM."""

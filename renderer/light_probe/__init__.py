@@ -1,0 +1,1 @@
+"""An environment map from photographs of a mirror ball."""

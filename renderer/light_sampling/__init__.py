@@ -1,0 +1,1 @@
+"""Directions by density: of microfacets, of the environment's bright texels, of their product."""

@@ -1,0 +1,1 @@
+"""Light of a scene, integrated once for a grid of roughnesses."""

@@ -1,0 +1,1 @@
+"""Materials outside of a fit: catalogue, ground truth, MTL files, textures."""

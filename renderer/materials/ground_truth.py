@@ -1,0 +1,153 @@
+"""What synthetic photographs are truly of: materials as plain numbers, checked. Light to import."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import ClassVar, Literal, get_args
+
+from fit_material.renderer.errors.input_error import InputError
+
+Channels = tuple[float, float, float]  # red, green, blue
+Distribution = Literal["ggx", "beckmann"]
+ShadingModel = Literal["mitsuba", "viewer"]
+
+LEAST_ALPHA = 0.001  # Mitsuba's microfacets lose their digits below; 0 is another model, a mirror
+LEAST_REFLECTANCE, MOST_REFLECTANCE = 1e-6, 0.99  # an index in float32 that is neither 1 nor beyond all bounds
+MOST_SMOOTH_REFLECTANCE = 0.18
+
+
+@dataclass(frozen=True)
+class TrueMetal:
+    """A metal.
+
+    Attributes:
+        n, k: complex refractive index n + ik; n > 0, k >= 0, unitless.
+        alpha: Mitsuba's microfacet width, isotropic, 0 for a mirror, else in [0.001, 1]; None with `roughness`.
+        roughness: the viewer's blur radius ρ, in [0, 10]; None with `alpha`.
+        distribution: of the microfacets' normals, "ggx" or "beckmann".
+        metal, source: its name and where n and k come from; empty where they were given as numbers.
+
+    Raises:
+        InputError: a value is out of its range; names the command-line option.
+    """
+
+    n: Channels
+    k: Channels
+    alpha: float | None = None
+    roughness: float | None = None
+    distribution: Distribution = "ggx"
+    metal: str = ""
+    source: str = ""
+
+    type: ClassVar = "metal"
+
+    def __post_init__(self) -> None:
+        require("--n", self.n, all(0 < v < math.inf for v in self.n), "three finite numbers > 0")
+        require("--k", self.k, all(0 <= v < math.inf for v in self.k), "three finite numbers >= 0")
+        _require_finish(self)
+
+
+@dataclass(frozen=True)
+class TrueGlossy:
+    """A dielectric: a diffuse body under a reflecting surface.
+
+    Attributes:
+        color: of the body, in [0, 1].
+        reflectance: of the surface at normal incidence, in [0, 1]; Mitsuba's are the same in all channels.
+        alpha, roughness, distribution: as a `TrueMetal`'s.
+
+    Raises:
+        InputError: as a `TrueMetal`.
+    """
+
+    color: Channels
+    reflectance: Channels
+    alpha: float | None = None
+    roughness: float | None = None
+    distribution: Distribution = "ggx"
+
+    type: ClassVar = "glossy"
+
+    def __post_init__(self) -> None:
+        _require_shares(self)
+        _require_finish(self)
+
+
+@dataclass(frozen=True)
+class TrueMatte:
+    """A surface without reflections.
+
+    Attributes:
+        color: in [0, 1].
+        reflectance: how much of it is seen from the front, in [0, 1]; Mitsuba's have 1, which is Lambertian.
+
+    Raises:
+        InputError: as a `TrueMetal`.
+    """
+
+    color: Channels
+    reflectance: Channels = (1.0, 1.0, 1.0)
+
+    type: ClassVar = "matte"
+
+    def __post_init__(self) -> None:
+        _require_shares(self)
+
+
+TrueMaterial = TrueMetal | TrueGlossy | TrueMatte
+
+
+def require(option: str, value: object, fulfilled: bool, expected: str) -> None:
+    """Raises InputError where what is expected of a command-line option's value is not fulfilled."""
+    if not fulfilled:
+        raise InputError(option, value=value, expected=expected)
+
+
+def require_shadable(material: TrueMaterial, model: ShadingModel) -> None:
+    """Whether the material has the numbers that a model shades with, and none that it cannot show.
+
+    Raises:
+        InputError: it has not; names the command-line option.
+    """
+    if not isinstance(material, TrueMatte):
+        wanted, other = ("alpha", "roughness") if model == "mitsuba" else ("roughness", "alpha")
+        _require_one(material, wanted, other, model)
+    if model == "mitsuba" and not isinstance(material, TrueMetal):
+        _require_mitsubas_reflectance(material)
+
+
+def _require_one(material: TrueMetal | TrueGlossy, wanted: str, other: str, model: str) -> None:
+    surplus = getattr(material, other)
+    require(f"--{other}", surplus, surplus is None, f"--{wanted}, which is what --model {model} shades with")
+    missing = getattr(material, wanted) is None
+    require(f"--{wanted}", "", not missing, f"a number here: a {material.type} surface of --model {model} has one")
+
+
+def _require_mitsubas_reflectance(material: TrueGlossy | TrueMatte) -> None:
+    found, option = material.reflectance, "--reflectance"
+    if isinstance(material, TrueMatte):
+        require(option, found, set(found) == {1.0}, "none: Mitsuba's matte is Lambertian; --model viewer has others")
+        return
+    same = len(set(found)) == 1
+    require(option, found, same, "three equal numbers: Mitsuba's plastic has one index; --model viewer has three")
+    inside = LEAST_REFLECTANCE <= found[0] <= MOST_REFLECTANCE
+    require(option, found, inside, f"{LEAST_REFLECTANCE:g} to {MOST_REFLECTANCE:g}, of which Mitsuba makes an index")
+    # Mitsuba's `plastic` takes its inner reflectance from a polynomial: by it a white body gives back 1.03 of what
+    # it receives at F0 = 0.17 (diamond), 1.04 at 0.18, 1.07 at 0.2, and less than nothing at 0.35
+    inside = material.alpha != 0 or found[0] <= MOST_SMOOTH_REFLECTANCE
+    require(option, found, inside, f"at most {MOST_SMOOTH_REFLECTANCE} beside --alpha 0: Mitsuba's plastic errs above")
+
+
+def _require_shares(material: TrueGlossy | TrueMatte) -> None:
+    for option, value in (("--color", material.color), ("--reflectance", material.reflectance)):
+        require(option, value, all(0 <= v <= 1 for v in value), "three numbers from 0 to 1")
+
+
+def _require_finish(material: TrueMetal | TrueGlossy) -> None:
+    alpha, roughness = material.alpha, material.roughness
+    inside = alpha is None or alpha == 0 or LEAST_ALPHA <= alpha <= 1
+    require("--alpha", alpha, inside, "at least 0.001 (all but a mirror), at most 1, or 0 for a mirror")
+    require("--roughness", roughness, roughness is None or 0 <= roughness <= 10, "0 (a mirror) to 10")
+    known = get_args(Distribution)
+    require("--distribution", material.distribution, material.distribution in known, " or ".join(known))

@@ -1,0 +1,1 @@
+"""Scenes for Mitsuba, and its rays."""

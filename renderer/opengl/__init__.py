@@ -1,0 +1,1 @@
+"""The viewer's picture in OpenGL, without a window."""

@@ -1,0 +1,1 @@
+"""Mitsuba's path tracer, with derivatives."""

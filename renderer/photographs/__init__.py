@@ -1,0 +1,1 @@
+"""From radiance to the numbers of a photograph: exposure, response, clipping."""

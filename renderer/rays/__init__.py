@@ -1,0 +1,1 @@
+"""What rays through the pixels meet: G-buffer, footprints, occlusion, relief."""

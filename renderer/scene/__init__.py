@@ -1,0 +1,1 @@
+"""`scene.toml`: its schema, and what it may leave to the fit."""

@@ -1,0 +1,1 @@
+"""Photographs made by Mitsuba, with their scene file."""

@@ -1,0 +1,147 @@
+"""What is written beside synthetic photographs: the scene file for a fit, the truth to compare it with."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import torch
+
+from fit_material.renderer.errors.input_error import InputError
+from fit_material.renderer.files.atomic import require_names
+from fit_material.renderer.files.replaceable import Replaceable, contents, json_with, unchanged
+from fit_material.renderer.files.unfinished import sweep
+from fit_material.renderer.materials.ground_truth import TrueMaterial, TrueMatte, TrueMetal
+from fit_material.renderer.scene.scene_file import LightSpec
+from fit_material.renderer.synthesis.camera_placement import View
+from fit_material.shaders.optics.fresnel import normal_reflectance
+
+TRUTH, SCENE, MAP = "truth.json", "scene.toml", "environment.exr"
+KNOWN = f"one that the {TRUTH} there lists and nobody has changed"
+
+
+def view_name(index: int) -> str:
+    """The file of a photograph."""
+    return f"view_{index}.exr"
+
+
+def copied_mesh(mesh: Path | None, folder: Path) -> Path | None:
+    """The mesh file, if the folder does not hold it already."""
+    there = mesh is not None and (folder / mesh.name).exists() and os.path.samefile(mesh, folder / mesh.name)
+    return None if there else mesh
+
+
+def require_room_for_photographs(folder: Path, views: int, mesh: Path | None, inputs: Iterable[Path]) -> Replaceable:
+    """What may be replaced in a folder of synthetic photographs, of which it is known by now that this is enough.
+
+    Raises:
+        InputError: a file that is to be written would be an input, or of somebody else, or its name is too long; or
+            scene.toml cannot hold the mesh's.
+    """
+    if mesh is not None:
+        _require_writable(mesh)
+    copied = copied_mesh(mesh, folder)
+    names = [SCENE, TRUTH, MAP, *map(view_name, range(views)), *([] if copied is None else [copied.name])]
+    require_names(folder, names, "--mesh")
+    sweep(folder)
+    allowed = Replaceable(tuple(inputs), _written_here(folder, names), KNOWN)
+    allowed.require(folder, names)
+    return allowed
+
+
+def _require_writable(mesh: Path) -> None:
+    try:
+        mesh.name.encode("utf-8")
+    except UnicodeEncodeError:
+        raise InputError("--mesh", value=mesh, expected="a file whose name is UTF-8, as scene.toml is") from None
+
+
+def _written_here(folder: Path, names: Iterable[str]) -> dict[str, str | None]:
+    """What a truth.json lists; of one of an older version, which listed nothing, all names that are usual."""
+    truth = json_with(folder / TRUTH, "format", "materials", "model", "environment")
+    if truth is None:
+        return {}
+    if "outputs" not in truth:
+        return dict.fromkeys(names)
+    try:
+        listed = [*truth["outputs"], *truth.get("earlier_outputs", [])]
+        return {TRUTH: None, **{str(file["path"]): str(file["sha256"]) for file in listed}}
+    except (TypeError, KeyError):  # somebody else's
+        return {}
+
+
+def outputs_of(folder: Path, target: Path) -> dict[str, list[dict[str, str]]]:
+    """What truth.json says of files: `outputs`, and `earlier_outputs` where earlier calls left some.
+
+    Args:
+        folder: what has just been filled, but for truth.json, which cannot list itself.
+        target: where its files go, with those of earlier calls.
+    """
+    new = contents(folder)
+    earlier = {name: digest for name, digest in _written_here(target, ()).items() if name not in {TRUTH, *new}}
+    left = unchanged(target, earlier)
+    return {"outputs": _files(new), **({"earlier_outputs": _files(left)} if left else {})}
+
+
+def _files(digests: Mapping[str, str]) -> list[dict[str, str]]:
+    return [{"path": name, "sha256": digest} for name, digest in digests.items()]
+
+
+def scene_toml(mesh: Path | None, lights: Sequence[LightSpec], poses: Sequence[View]) -> str:
+    """The scene as DESIGN.md's contract has it; a float's repr is exact, and valid TOML."""
+    geometry = 'shape = "sphere"' if mesh is None else f"mesh = {_quoted(mesh.name)}\nsmooth = true"
+    head = f'[geometry]\n{geometry}\n\n[environment]\nmap = "{MAP}"\nrotation = 0.0\nscale = 1.0\n'
+    head += "".join(_light_toml(light) for light in lights)
+    return head + "".join(_photograph_toml(index, pose) for index, pose in enumerate(poses))
+
+
+def _light_toml(light: LightSpec) -> str:
+    return f"""
+[[lights]]
+type = "directional"
+direction = {list(light.direction)}
+irradiance = {list(light.irradiance)}
+"""
+
+
+def _photograph_toml(index: int, pose: View) -> str:
+    return f"""
+[[photographs]]
+image = "{view_name(index)}"
+exposure = 1.0
+[photographs.camera]
+origin = {list(pose.origin)}
+target = {list(pose.target)}
+up = {list(pose.up)}
+fov = {float(pose.fov)}
+"""
+
+
+def _quoted(text: str) -> str:
+    """A TOML basic string, which JSON's strings are, but for DEL, which TOML wants escaped."""
+    return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007f")
+
+
+def material_entry(name: str, material: TrueMaterial) -> dict[str, Any]:
+    """A material by the names of result.json, None where it has none."""
+    numbers = ("n", "k", "alpha", "roughness", "color", "reflectance")
+    return {
+        "name": name,
+        "type": material.type,
+        **{key: getattr(material, key, None) for key in numbers},
+        "f0": _normal_reflectance(material),
+        "distribution": material.distribution if not isinstance(material, TrueMatte) and material.alpha else None,
+        "metal": getattr(material, "metal", None) or None,
+        "source": getattr(material, "source", None) or None,
+    }
+
+
+def _normal_reflectance(material: TrueMaterial) -> Sequence[float] | None:
+    """F0 of what the surface mirrors."""
+    if isinstance(material, TrueMetal):
+        n, k = (torch.tensor(index, dtype=torch.float64) for index in (material.n, material.k))
+        return normal_reflectance(n, k).tolist()
+    return material.reflectance if material.type == "glossy" else None

@@ -1,0 +1,1 @@
+"""What a material is: its quantities as data, and the types as tensors."""
