@@ -72,7 +72,7 @@ hard-cases: $(installed)
 check: $(installed)
 	$(bin)/ruff check .
 	$(bin)/ruff format --check .
-	$(bin)/pyright --pythonpath $(bin)/python
+	$(bin)/pyright --threads 2 --pythonpath $(bin)/python
 	$(bin)/python -m pytest -q tests/test_imports.py
 
 bench: $(installed)
