@@ -62,7 +62,7 @@ slow: $(installed)
 	$(bin)/python -m pytest -m slow
 
 stress: $(installed)
-	HYPOTHESIS_PROFILE=long EXAMPLES=$(EXAMPLES) OMP_NUM_THREADS=1 $(bin)/python -m pytest -q \
+	HYPOTHESIS_PROFILE=long EXAMPLES=$(EXAMPLES) OMP_NUM_THREADS=1 $(bin)/python -m pytest -q -n 2 \
 		tests/test_properties.py tests/test_random_scenes.py
 	OMP_NUM_THREADS=1 $(bin)/python -m tests.fuzz
 
@@ -72,7 +72,7 @@ hard-cases: $(installed)
 check: $(installed)
 	$(bin)/ruff check .
 	$(bin)/ruff format --check .
-	$(bin)/pyright --pythonpath $(bin)/python
+	$(bin)/pyright --threads 2 --pythonpath $(bin)/python
 	$(bin)/python -m pytest -q tests/test_imports.py
 
 bench: $(installed)

@@ -63,6 +63,7 @@ def test_help_and_version_need_none_of_it(arguments, tmp_path):
     assert (done.returncode, done.stderr) == (0, "")
 
 
+@pytest.mark.slow
 def test_the_doctor_finds_it(tmp_path):
     done = run("doctor", "--json", limit=TOO_LITTLE, folder=tmp_path)
     (check,) = (each for each in json.loads(done.stdout)["checks"] if each["name"] == "memory")

@@ -176,7 +176,8 @@ def watched(two_scenes, tmp_path_factory) -> Watched:
 
 def test_nothing_of_a_batch_listens(watched):
     """Neither it nor its two processes, on any port or socket with a name."""
-    assert watched.fitting == 2 < len(watched.environments)
+    # a process that one of the two has forked has its command line until it begins another program
+    assert 2 <= watched.fitting < len(watched.environments)
     assert watched.listening == []
 
 

@@ -232,6 +232,7 @@ def test_bounds_tell_no_noise_to_the_viewers_lobe():
     torch.testing.assert_close(sigma, torch.full_like(sigma, 1.4826 * np.median(own)), rtol=5e-3, atol=0)
 
 
+@pytest.mark.slow
 def test_a_metal_whose_highlights_are_clipped_is_found(tmp_path):
     """8 bits, sRGB, a twentieth of the ball clipped; a code's rounding is 0.5 % of middling values, and F0's figure of
     0.02 is that of noisy ones."""

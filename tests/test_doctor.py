@@ -45,6 +45,7 @@ def test_the_chosen_library_and_the_refused_ones_stand_with_their_reasons(tmp_pa
     assert check["ok"] == any(llvm.verdict_on(str(path)).usable for path in llvm.candidates())
 
 
+@pytest.mark.slow
 def test_doing_without_llvm_is_no_illness():
     done = run("--json", FIT_MATERIAL_LLVM="none")
     (check,) = (each for each in json.loads(done.stdout)["checks"] if each["name"] == "LLVM")

@@ -48,6 +48,7 @@ def test_a_metal_is_fitted(tmp_path, capsys):
     assert "most like gold" in capsys.readouterr().out
 
 
+@pytest.mark.slow
 def test_a_glossy_one_is_found_and_fitted(tmp_path, capsys):
     found = main_of("fit_a_glossy_one")(tmp_path, **SMALL).materials[0]
     assert found.type == "glossy"

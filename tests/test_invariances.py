@@ -81,6 +81,7 @@ def slices(tmp_path_factory) -> tuple[Path, Result]:
     return scene, fitted(scene, "matte")
 
 
+@pytest.mark.slow
 def test_brighter_light_and_photographs_change_no_digit(ball, tmp_path):
     """By a power of two, which every sum and product takes without rounding."""
     assert told(fitted(written(replace(BALL, brightness=1024.0), tmp_path))) == told(ball)
@@ -91,6 +92,7 @@ def test_scene_and_light_turned_together(ball, tmp_path):
     assert_alike(one, other)
 
 
+@pytest.mark.slow
 def test_views_in_another_order(ball, tmp_path):
     result = fitted(written(replace(BALL, azimuths=BALL.azimuths[::-1]), tmp_path))
     assert_alike(ball.materials[0], result.materials[0])

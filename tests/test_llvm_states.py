@@ -37,7 +37,6 @@ def test_commands_end_as_documented(gold_scene, tmp_path):
     assert result["materials"][0]["f0"][0] == pytest.approx(0.9584, abs=0.05)
     for arguments in (
         ("check", gold_scene, "--json"),
-        ("plan", gold_scene, "--json"),
         ("synth", "--metal", "Au", "--alpha", "0.2", "--size", "16", "--spp", "4", "--views", "1", "-o", "synth"),
     ):
         done = run(*arguments, cwd=tmp_path)
@@ -61,9 +60,10 @@ def test_a_frontier_ends_as_documented(gold_scene, tmp_path):
 
 def test_no_command_lets_the_compiler_speak(gold_scene, tmp_path):
     """At most two sentences, which are ours: on a path that is no library, and on the lack of any."""
-    done = run("plan", gold_scene, cwd=tmp_path, DRJIT_LIBLLVM_PATH=str(gold_scene))
+    done = run("plan", gold_scene, "--json", cwd=tmp_path, DRJIT_LIBLLVM_PATH=str(gold_scene))
     first, *others = done.stderr.splitlines()
     assert done.returncode == 0
+    assert json.loads(done.stdout)["effects"]
     assert first.startswith(
         f"fit-material: DRJIT_LIBLLVM_PATH: is {gold_scene}, expected an LLVM library that compiles"
     )

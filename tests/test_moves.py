@@ -94,6 +94,7 @@ def test_a_damaged_journal_moves_nothing(tmp_path, journal):
     assert not (tmp_path / "b").exists()
 
 
+@pytest.mark.slow
 def test_a_folder_in_which_a_fit_was_killed_is_fitted_into_again(gold_photographs, tmp_path):
     options = FitOptions(replace(PRESETS["preview"], pixels=100, samples=32), type="metal")
     out, scene = tmp_path / "out", gold_photographs / "scene.toml"

@@ -133,7 +133,7 @@ def exposed(kind: str, unknowns, factors, known: float | None) -> tuple[Fit, Spr
     return fit, spread(fit.residuals, fit.x)
 
 
-@pytest.mark.parametrize("kind", ["metal", "glossy"])
+@pytest.mark.parametrize("kind", ["metal", pytest.param("glossy", marks=pytest.mark.slow)])
 def test_exposures_that_went_in_come_out(kind):
     """Hundredfold and threefold: found within five standard errors, the chance of a sound fit to fail in one of ten
     numbers being 6e-6; as known as the surroundings tell them or better."""

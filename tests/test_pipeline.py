@@ -92,10 +92,8 @@ def test_gold_comes_back(gold, tmp_path):
     assert [effect.name for effect in result.effects if effect.on][:2] == ["reflection", "blur"]
 
 
-@pytest.mark.parametrize(
-    ("name", "alpha", "distribution", "seed"),
-    [("Cu", 0.1, "beckmann", 2), pytest.param("Al", 0.4, "ggx", 3, marks=pytest.mark.slow)],
-)
+@pytest.mark.slow
+@pytest.mark.parametrize(("name", "alpha", "distribution", "seed"), [("Cu", 0.1, "beckmann", 2), ("Al", 0.4, "ggx", 3)])
 def test_other_metals_come_back(tmp_path, name, alpha, distribution, seed):
     scene = photograph(tmp_path, name, alpha, distribution, seed=seed)
     (found,) = fitted(scene, tmp_path / "out", lobe=distribution, seed=seed).materials
@@ -184,6 +182,7 @@ def test_a_wrong_exposure_is_not_hidden(iron, tmp_path):
     assert result.quality.overall.rms_relative > 0.3
 
 
+@pytest.mark.slow
 def test_a_wrong_exposure_is_found_where_it_is_fitted(iron, iron_result, tmp_path):
     """Told half of what it was, the one factor of all photographs is 2, which iron's curve tells to some per cent:
     its reflectance at grazing angles is 1 whatever the exposure: of pixels there the rays' angles count. F0 is known

@@ -116,6 +116,7 @@ def test_fit_warns_and_goes_on(gold_scene, monkeypatch, capsys, tmp_path):
     assert sentence in told
 
 
+@pytest.mark.slow
 def test_a_check_that_fails_stops_no_fit(gold_scene, monkeypatch, capsys, tmp_path):
     def broken(*arguments):
         raise RuntimeError("of the check")

@@ -129,7 +129,7 @@ def test_a_directional_light_is_part_of_the_picture(tmp_path, material):
 @pytest.mark.parametrize(
     "material",
     [
-        TrueMetal(GOLD.n, GOLD.k, None, roughness=0.25),
+        pytest.param(TrueMetal(GOLD.n, GOLD.k, None, roughness=0.25), marks=pytest.mark.slow),
         TrueGlossy((0.6, 0.2, 0.1), (0.04, 0.1, 0.3), None, roughness=0.25),
         TrueMatte((0.5, 0.3, 0.2), (0.3, 0.6, 0.9)),
     ],

@@ -13,8 +13,10 @@ import subprocess
 import sys
 import tempfile
 import time
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
+from renderer.processors import usable_cores
 from tests.fuzz.readers import READERS, Failure, fuzzed, prepared
 
 COUNTS = {
@@ -40,29 +42,22 @@ def main() -> int:
     asked = _arguments()
     if asked.child:
         return _child(asked.kinds[0], asked.count, asked.seed)
-    bad = total = 0
-    for kind in asked.kinds or COUNTS:
-        count, begun = max(1, round(COUNTS[kind] * asked.share)), time.perf_counter()
-        command = [
-            sys.executable,
-            "-m",
-            "tests.fuzz",
-            "--child",
-            "--count",
-            str(count),
-            "--seed",
-            str(asked.seed),
-            kind,
-        ]
-        ended = subprocess.run(command, check=False).returncode
-        seconds = time.perf_counter() - begun
-        print(
-            f"{kind:11}{count:7} inputs  {count / seconds:6.0f}/s  {'' if ended == 0 else f'ended with {ended}'}",
-            flush=True,
-        )
-        bad, total = bad + (ended != 0), total + count
-    print(f"{total} inputs, {bad} kinds with failures")
+    kinds = asked.kinds or list(COUNTS)
+    with ThreadPoolExecutor(usable_cores()) as pool:
+        ended = list(pool.map(lambda kind: _fed(kind, asked.share, asked.seed), kinds))
+    bad = sum(code != 0 for _, code in ended)
+    print(f"{sum(count for count, _ in ended)} inputs, {bad} kinds with failures")
     return int(bad > 0)
+
+
+def _fed(kind: str, share: float, seed: int) -> tuple[int, int]:
+    """Number of inputs of a kind, and the exit code of the process that read them."""
+    count, begun = max(1, round(COUNTS[kind] * share)), time.perf_counter()
+    options = ("--child", "--count", str(count), "--seed", str(seed))
+    code = subprocess.run([sys.executable, "-m", "tests.fuzz", *options, kind], check=False).returncode
+    rate = count / (time.perf_counter() - begun)
+    print(f"{kind:11}{count:7} inputs  {rate:6.0f}/s  {f'ended with {code}' if code else ''}", flush=True)
+    return count, code
 
 
 def _child(kind: str, count: int, seed: int) -> int:
