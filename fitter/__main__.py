@@ -1,4 +1,4 @@
-"""`fit-material`, and `python -m fitter`: Ctrl-C is quiet from the start, while the commands are being imported."""
+"""`fit-material`, and `python -m fit_material`: Ctrl-C is quiet from the start, while the commands are being imported."""
 
 from __future__ import annotations
 

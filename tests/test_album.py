@@ -123,10 +123,10 @@ def test_a_wrong_photograph_is_told_when_it_is_looked_at(scene):
 CHILD = """
 import json, sys
 from pathlib import Path
-from fitter import album
+from fit_material.fitter.observations import album
 from fit_material.fitter.observations.scene_data import load
 from fit_material.fitter.observations.pixel_selection import choose_pixels
-from renderer import gbuffer
+from fit_material.renderer.rays import gbuffer
 album.KEPT = 0
 def peak():  # getrusage's is at least that of the process which began this one
     lines = dict(line.split(":", 1) for line in Path("/proc/self/status").read_text().splitlines())

@@ -340,7 +340,7 @@ def test_ctrl_c_while_the_commands_are_imported_is_quiet(tmp_path):
     (tmp_path / "typer.py").write_text("import time\nprint(end='!', flush=True)\ntime.sleep(60)\n")
     environment = ENVIRONMENT | {"PYTHONPATH": f"{tmp_path}:{Path(__file__).parents[1]}"}
     process = subprocess.Popen(
-        [sys.executable, "-m", "fitter", "--help"], stdout=subprocess.PIPE, stderr=subprocess.PIPE, env=environment
+        [sys.executable, "-m", "fit_material", "--help"], stdout=subprocess.PIPE, stderr=subprocess.PIPE, env=environment
     )
     assert process.stdout is not None
     assert process.stdout.read(1) == b"!"

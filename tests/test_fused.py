@@ -240,9 +240,9 @@ def test_frames_tell_small_angles():
 def test_torch_integrates_where_llvm_is_absent(without):
     """And Dr.Jit is not even imported before a table is asked for."""
     code = (
-        "import sys; from renderer import transport; assert 'drjit' not in sys.modules\n"
+        "import sys; from fit_material.renderer.light_tables import light_table; assert 'drjit' not in sys.modules\n"
         "from tests.test_transport import facing, lit_room, table_at\n"
-        "table_at(facing([0.5]), lit_room(), 0.3); print(transport.fused_available())"
+        "table_at(facing([0.5]), lit_room(), 0.3); print(light_table.fused_available())"
     )
     environment = {**os.environ, **({"FIT_MATERIAL_LLVM": "none"} if without else {})}
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False, env=environment)

@@ -46,7 +46,7 @@ def run(code: str, **environment: str) -> subprocess.CompletedProcess[str]:
     )
 
 
-COMPILED = "import renderer, drjit as dr; from drjit.llvm import Float; print(dr.minimum(Float(1, 3), 2)[1])"
+COMPILED = "import fit_material.renderer, drjit as dr; from drjit.llvm import Float; print(dr.minimum(Float(1, 3), 2)[1])"
 
 
 @needs_llvm
@@ -88,7 +88,7 @@ def test_a_library_that_ends_the_process_is_refused_and_this_process_lives():
 
 
 def test_without_a_library_one_sentence_names_the_package(broken):
-    code = f"from renderer import llvm; from pathlib import Path; llvm.candidates = lambda: [Path({str(broken)!r})]\n"
+    code = f"from fit_material.renderer.backends import llvm; from pathlib import Path; llvm.candidates = lambda: [Path({str(broken)!r})]\n"
     done = run(code + "import drjit as dr; print(dr.has_backend(dr.JitBackend.LLVM))")
     assert (done.returncode, done.stdout.strip()) == (0, "0")
     assert done.stderr == (
@@ -99,8 +99,8 @@ def test_without_a_library_one_sentence_names_the_package(broken):
 
 def test_processes_that_are_started_later_repeat_no_sentence(broken):
     code = (
-        "import subprocess, sys; from renderer import llvm; llvm.candidates = lambda: []; import renderer, drjit\n"
-        "sys.exit(subprocess.run([sys.executable, '-c', 'import renderer, drjit']).returncode)"
+        "import subprocess, sys; from fit_material.renderer.backends import llvm; llvm.candidates = lambda: []; import fit_material.renderer, drjit\n"
+        "sys.exit(subprocess.run([sys.executable, '-c', 'import fit_material.renderer, drjit']).returncode)"
     )
     done = run(code)
     assert done.returncode == 0
@@ -109,12 +109,12 @@ def test_processes_that_are_started_later_repeat_no_sentence(broken):
 
 
 def test_the_switch_goes_without_in_silence():
-    done = run("import renderer, drjit as dr; print(dr.has_backend(dr.JitBackend.LLVM))", FIT_MATERIAL_LLVM="none")
+    done = run("import fit_material.renderer, drjit as dr; print(dr.has_backend(dr.JitBackend.LLVM))", FIT_MATERIAL_LLVM="none")
     assert (done.returncode, done.stdout.strip(), done.stderr) == (0, "0", "")
 
 
 def test_a_misspelt_switch_is_named_and_ignored():
-    done = run("from renderer import llvm; llvm.candidates = lambda: []; llvm.prepare()", FIT_MATERIAL_LLVM="off")
+    done = run("from fit_material.renderer.backends import llvm; llvm.candidates = lambda: []; llvm.prepare()", FIT_MATERIAL_LLVM="off")
     first, _ = done.stderr.splitlines()
     assert first == "fit-material: FIT_MATERIAL_LLVM: is off, expected none, or no such variable; it is ignored"
 
@@ -128,7 +128,7 @@ def test_a_library_of_two_names_is_proved_once(broken, tmp_path):
 def test_remarks_of_others_survive_the_import():
     """While Dr.Jit is imported its C++ code is not heard; everything else that is printed meanwhile is."""
     code = (
-        "import os, types; from renderer import dr_jit\n"
+        "import os, types; from fit_material.renderer.backends import dr_jit\n"
         "def execute(module):\n"
         "    os.write(2, b'jit_llvm_init(): gone\\nstays\\n')\n"
         "dr_jit._execute(execute, types.SimpleNamespace(set_log_level=print, LogLevel=types.SimpleNamespace(Error=1)))"

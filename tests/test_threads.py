@@ -46,7 +46,7 @@ def test_a_process_that_has_a_share_of_the_machine_takes_no_more():
     code = """
 import drjit, os, torch
 os.sched_getaffinity = lambda process: set(range(8))
-from renderer import threads
+from fit_material.renderer.compute import threads
 assert threads.cores() == 8
 threads.limit_cores(3)
 print(threads.cores(), torch.get_num_threads(), drjit.thread_count())

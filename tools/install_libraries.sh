@@ -18,7 +18,10 @@ has_atomic() {
 
 has_llvm() {
     env -u FIT_MATERIAL_LLVM -u DRJIT_LIBLLVM_PATH \
-        "$python" -c 'import sys; from renderer import llvm; sys.exit(llvm.choose(None, llvm.candidates()).chosen is None)' \
+        "$python" -c '
+import sys
+from fit_material.renderer.backends import llvm
+sys.exit(llvm.choose(None, llvm.candidates()).chosen is None)' \
         >/dev/null 2>&1
 }
 

@@ -8,7 +8,7 @@ from importlib.metadata import version
 from importlib.util import find_spec
 from pathlib import Path
 
-PACKAGES = ("fitter", "renderer", "shaders")
+PACKAGES = ("fit_material.fitter", "fit_material.renderer", "fit_material.shaders")
 DATA = (".py", ".csv")
 
 

@@ -16,7 +16,7 @@ import time
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
-from renderer.processors import usable_cores
+from fit_material.renderer.compute.processors import usable_cores
 from tests.fuzz.readers import READERS, Failure, fuzzed, prepared
 
 COUNTS = {
