@@ -63,7 +63,7 @@ slow: $(installed)
 
 stress: $(installed)
 	HYPOTHESIS_PROFILE=long EXAMPLES=$(EXAMPLES) OMP_NUM_THREADS=1 $(bin)/python -m pytest -q -n 2 \
-		tests/test_properties.py tests/test_random_scenes.py
+		tests/project/test_properties.py tests/fitter/pipeline/test_random_scenes.py
 	OMP_NUM_THREADS=1 $(bin)/python -m tests.fuzz
 
 hard-cases: $(installed)
@@ -73,7 +73,7 @@ check: $(installed)
 	$(bin)/ruff check .
 	$(bin)/ruff format --check .
 	$(bin)/pyright --threads 2 --pythonpath $(bin)/python
-	$(bin)/python -m pytest -q tests/test_imports.py
+	$(bin)/python -m pytest -q tests/project/test_imports.py
 
 bench: $(installed)
 	$(bin)/python -m tests.bench
@@ -88,7 +88,7 @@ accuracy: $(installed)
 	$(bin)/python -m tests.bench --repeats $(REPEATS) accuracy
 
 clean:
-	rm -rf .venv build demo bench *.egg-info .pytest_cache .ruff_cache .hypothesis
+	rm -rf .venv build demo bench *.egg-info src/*.egg-info .pytest_cache .ruff_cache .hypothesis
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +
 
 # torch first and alone: what follows then finds it there, and does not replace it by another build

@@ -1,4 +1,4 @@
-"""`fit-material`, and `python -m fit_material`: Ctrl-C is quiet from the start, while the commands are being imported."""
+"""The program `fit-material`: Ctrl-C is quiet from the start, while the commands are being imported."""
 
 from __future__ import annotations
 
@@ -14,7 +14,3 @@ def program() -> NoReturn:
     from fit_material.fitter.commands import app
 
     app.program()
-
-
-if __name__ == "__main__":
-    program()

@@ -1,21 +1,20 @@
-"""How much of the light that falls on a material from all sides it sends back."""
+"""Albedo of a material under uniform light."""
 
 from __future__ import annotations
 
-import numpy as np
-import torch
 from jaxtyping import Float
 from torch import Tensor
 
 from fit_material.shaders.materials.types import Material, Matte, Metal
 from fit_material.shaders.optics import rough_plastic
 from fit_material.shaders.optics.microfacets import Distribution
+from fit_material.shaders.optics.quadrature import legendre
 
 COSINES = 16  # of a Gauss–Legendre rule, by which these means are known to a ten-thousandth
 
 
 def albedo(material: Material, distribution: Distribution) -> Float[Tensor, "*p 3"]:
-    """The share of even light that a body and its surface send back, in [0, 1], float64.
+    """Albedo of body and surface under uniform light, in [0, 1], float64.
 
         matte    color
         glossy   color · outcoupling · T̄² + R̄,   T̄ = 2 ∫ T(µ) µ dµ, and R̄ like that, of `shaders.optics.rough_plastic`
@@ -30,10 +29,9 @@ def albedo(material: Material, distribution: Distribution) -> Float[Tensor, "*p 
     if isinstance(material, Matte):
         return material.color
     eta, alpha = rough_plastic.ior(material.reflectance[0]), material.roughness
-    node, weight = (torch.from_numpy(each) for each in np.polynomial.legendre.leggauss(COSINES))
-    cosine = (node + 1) / 2
+    cosine, weight = legendre(COSINES)
     passed, mirrored = (
-        (share(cosine, eta, alpha, distribution) * cosine * weight).sum()
+        2 * (share(cosine, eta, alpha, distribution) * cosine * weight).sum()
         for share in (rough_plastic.transmittance, rough_plastic.reflectance)
     )
     return material.color * passed**2 * rough_plastic.outcoupling(eta, alpha, distribution) + mirrored

@@ -9,12 +9,13 @@ from fit_material.fitter.frontier.errors import require_of_scene, truth_beside
 from fit_material.fitter.frontier.pareto import Frontier, frontier_of
 from fit_material.fitter.frontier.rungs import Rung
 from fit_material.fitter.frontier.runs import Experiment, all_runs
-from fit_material.fitter.observations.scene_data import input_files, input_paths, material_names
+from fit_material.fitter.observations.scene_data import input_files, material_names
 from fit_material.fitter.options.progress import Progress
 from fit_material.renderer.compute.devices import torch_device
 from fit_material.renderer.errors.input_error import InputError
 from fit_material.renderer.files.atomic import replaced_together, write_bytes_atomically, write_text_atomically
 from fit_material.renderer.files.replaceable import Replaceable, json_with
+from fit_material.renderer.scene.input_paths import input_paths
 from fit_material.renderer.scene.scene_file import Scene, read_scene
 
 TITLES = {False: "What accuracy costs in time", True: "What each choice costs and brings"}

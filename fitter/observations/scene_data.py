@@ -10,7 +10,6 @@ from fit_material.fitter.observations.album import Album
 from fit_material.fitter.observations.material_maps import given_maps, shape_under
 from fit_material.fitter.options.fit_options import FitOptions
 from fit_material.fitter.result.schema import InputFile
-from fit_material.renderer.camera_files.colmap import model_files
 from fit_material.renderer.environment.environment import Environment
 from fit_material.renderer.environment.environment_file import read_environment
 from fit_material.renderer.errors.input_error import InputError
@@ -22,6 +21,7 @@ from fit_material.renderer.materials.textured_material import Maps
 from fit_material.renderer.rays import gbuffer
 from fit_material.renderer.rays.gbuffer import Tracer
 from fit_material.renderer.rays.normal_mapping import with_relief
+from fit_material.renderer.scene.input_paths import beside_photographs, input_paths
 from fit_material.renderer.scene.scene_file import PhotographSpec, Scene, read_scene, read_shape
 from fit_material.shaders.materials.quantities import MaterialType
 
@@ -78,7 +78,7 @@ def load(scene_file: Path) -> Loaded:
     environment = read_environment(light.map, *light.start)
     stem = scene.geometry.mesh.stem if scene.geometry.mesh else str(scene.geometry.shape)
     photographs = Album.of_scene(scene.photographs, scene_file)
-    files = _hashed(_beside_photographs(scene, scene_file))
+    files = _hashed(beside_photographs(scene, scene_file))
     maps = given_maps(scene.materials, shape, names, scene_file)
     shape = shape_under(shape, maps)
     return Loaded(scene, photographs, shape, environment, stem, names, files, repeated(scene.photographs), maps)
@@ -128,20 +128,6 @@ def _material_names(scene: Scene, shape: Shape, scene_file: Path) -> tuple[str, 
 def input_files(scene: Scene, scene_file: Path) -> tuple[InputFile, ...]:
     """The files that a scene names, itself and its photographs among them, with their hashes."""
     return _hashed(input_paths(scene, scene_file))
-
-
-def input_paths(scene: Scene, scene_file: Path) -> list[Path]:
-    """The files that a scene names, itself and its photographs among them."""
-    photographs = [path for photograph in scene.photographs for path in photograph.files]
-    return [path for path in (*_beside_photographs(scene, scene_file), *photographs) if path is not None]
-
-
-def _beside_photographs(scene: Scene, scene_file: Path) -> list[Path | None]:
-    light = scene.environment.map
-    cameras = model_files(scene.cameras) if scene.cameras is not None and scene.cameras.is_dir() else [scene.cameras]
-    maps = [file for each in scene.materials for file in (each.normal_map, each.ambient_occlusion_map)]
-    surroundings = sorted(light.iterdir()) if light.is_dir() else [light]
-    return [scene_file, *cameras, scene.geometry.mesh, *surroundings, *maps]
 
 
 def _hashed(paths: Iterable[Path | None]) -> tuple[InputFile, ...]:

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from fit_material.fitter.effects.interreflection import polish_scene, polished
+from fit_material.fitter.estimation.background_calibration import nuisances_of
 from fit_material.fitter.estimation.model_selection import Choice, fit_type
 from fit_material.fitter.estimation.problem import Problem
 from fit_material.fitter.estimation.viewer_roughness import viewer_roughness
@@ -22,7 +23,6 @@ from fit_material.fitter.least_squares.solvers import SOLVERS
 from fit_material.fitter.materials.coordinates import MetalCoordinates
 from fit_material.fitter.metal_prior.nearest_metals import nearest_metals
 from fit_material.fitter.metal_prior.substitution import borrow
-from fit_material.fitter.observations.background_calibration import nuisances_of
 from fit_material.fitter.observations.multi_view_points import choose_spots
 from fit_material.fitter.observations.pixel_selection import Observations, choose_pixels
 from fit_material.fitter.observations.scene_data import Loaded, kinds_of

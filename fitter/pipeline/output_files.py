@@ -5,12 +5,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-from fit_material.fitter.observations.scene_data import Loaded, input_paths
+from fit_material.fitter.observations.scene_data import Loaded
 from fit_material.fitter.options.fit_options import FitOptions
 from fit_material.fitter.result.written_files import ENDINGS, PICTURES, RESULT, replaceable_by_fit
 from fit_material.fitter.textures.color_map import map_names
 from fit_material.renderer.files.atomic import require_names
 from fit_material.renderer.files.replaceable import Replaceable
+from fit_material.renderer.scene.input_paths import input_paths
 
 SIZE = 4_000_000  # bytes of a fit's files without maps, or about so many
 

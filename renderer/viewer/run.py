@@ -14,7 +14,6 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 import torch
 
-from fit_material.fitter.observations.scene_data import input_paths
 from fit_material.renderer.cameras.camera import Camera, look_at
 from fit_material.renderer.environment.environment_file import read_environment
 from fit_material.renderer.errors.input_error import InputError
@@ -26,6 +25,7 @@ from fit_material.renderer.materials.ground_truth import require
 from fit_material.renderer.opengl.drawing import Stage
 from fit_material.renderer.opengl.geometry import bounds
 from fit_material.renderer.opengl.offscreen import picture
+from fit_material.renderer.scene.input_paths import input_paths
 from fit_material.renderer.scene.scene_file import LARGEST, LightSpec, light_option, read_scene
 from fit_material.renderer.synthesis.synthesise import MADE_HERE, named_environment
 from fit_material.renderer.viewer.compare import Photographs

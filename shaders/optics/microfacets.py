@@ -147,6 +147,6 @@ def reflected(
     Returns:
         in 1/steradian; 0 for light from below the horizon.
     """
-    width = torch.as_tensor(alpha).to(cos_h)
+    width = torch.as_tensor(alpha, dtype=cos_h.dtype, device=cos_h.device)  # of a number all digits
     unmasked = smith_g1(cos_v, width, distribution) * smith_g1(cos_l, width, distribution)
     return distribution_of_normals(cos_h, width, distribution, sin2_h) * unmasked / (4 * cos_v)

@@ -22,8 +22,8 @@ from fit_material.renderer.rays import gbuffer
 from fit_material.renderer.synthesis.studio import studio
 from fit_material.renderer.viewer_model import shading
 from fit_material.renderer.viewer_model.viewer_light import Surroundings, surroundings
-from tests import parity
 from tests.bench.setting import spread
+from tests.support import parity
 
 SIZE, REPEATS = 512, 9
 MATERIALS = ("metal", "glossy", "matte")

@@ -25,7 +25,7 @@ from fit_material.renderer.synthesis.camera_placement import View, views
 from fit_material.renderer.synthesis.studio import studio
 from fit_material.shaders.materials.types import Metal
 from tests.bench.setting import CACHE
-from tests.srgb_curve import encoded
+from tests.support.srgb_curve import encoded
 
 DIFFERENT = 5  # photographs that are made; scenes of more take these again
 APART = 1e-6  # relative difference of one's exposure to the next one's

@@ -19,7 +19,7 @@ from fit_material.renderer.images.textures import read_texture
 from fit_material.renderer.mitsuba.conversion import diffuse, plastic
 from tests.bench.photographs import SHAPES, map_of
 from tests.bench.setting import CACHE, SHARED
-from tests.textured import photograph_textured, seen_at
+from tests.support.textured import photograph_textured, seen_at
 
 VIEWS, SIZE, SPP = 12, 192, 512
 ENVIRONMENT = "studio_small_03"

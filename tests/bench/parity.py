@@ -14,7 +14,7 @@ from fit_material.renderer.opengl.context import offscreen_context
 from fit_material.renderer.synthesis.studio import studio
 from fit_material.renderer.viewer_model import shading
 from fit_material.renderer.viewer_model.viewer_light import Surroundings, surroundings
-from tests import parity
+from tests.support import parity
 
 SIZE = 512
 QUANTILE = 0.999

@@ -34,8 +34,8 @@ from fit_material.renderer.synthesis.scene_writer import scene_toml
 from fit_material.shaders.effects import EFFECTS, NAMES
 from fit_material.shaders.materials.types import Metal
 from fit_material.shaders.optics.fresnel import normal_reflectance
-from tests import bowl as golden
-from tests.plan_scenes import LAMP, row_of_balls, torus, write_obj
+from tests.support import bowl as golden
+from tests.support.plan_scenes import LAMP, row_of_balls, torus, write_obj
 
 SIZE, SPP = 64, 512
 FIDELITY = replace(PRESETS["standard"], pixels=1500, samples=512)

@@ -20,7 +20,7 @@ from fit_material.renderer.environment.environment_file import read_environment
 from fit_material.renderer.environment.latlong import lookup, of
 from fit_material.renderer.images.image_file import read_image, write_exr
 from fit_material.renderer.scene.scene_file import camera_of, read_scene
-from tests.srgb_curve import encoded
+from tests.support.srgb_curve import encoded
 
 FILES = ("exr", "png", "background")
 """Clean photographs: linear floats with alpha; 8-bit sRGB with alpha; floats with their background and no mask."""
