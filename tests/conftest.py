@@ -11,6 +11,7 @@ import torch
 from hypothesis import settings
 
 from fit_material.renderer.backends import dr_jit
+from tests.support.paths import SHARED
 
 dr_jit.prepare()  # before there are threads; processes that tests start inherit the choice, and say nothing of it
 # several tests run at once, and the machine is shared: operations that wait for other cores wait long
@@ -26,10 +27,9 @@ settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "steady"))
 @pytest.fixture(scope="session")
 def shared_data() -> Path:
     """Real input kept beside the repository, where there is any."""
-    folder = Path(__file__).resolve().parents[2] / "shared" / "data"
-    if not folder.is_dir():
+    if not SHARED.is_dir():
         pytest.skip("../shared/data is absent")
-    return folder
+    return SHARED
 
 
 @pytest.fixture(scope="session")
