@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import shutil
+import signal
 from pathlib import Path
 
 import pytest
@@ -13,6 +14,8 @@ from hypothesis import settings
 from fit_material.renderer.backends import dr_jit
 from tests.support.paths import SHARED
 
+if hasattr(signal, "SIGHUP"):
+    signal.signal(signal.SIGHUP, signal.SIG_DFL)  # under `nohup` it is ignored, and programs that tests begin would obey
 dr_jit.prepare()  # before there are threads; processes that tests start inherit the choice, and say nothing of it
 # several tests run at once, and the machine is shared: operations that wait for other cores wait long
 torch.set_num_threads(1)
