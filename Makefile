@@ -19,6 +19,7 @@
 # is allowed. Settings, each as in `make install PYTHON=/opt/python/bin/python3`:
 #
 #   PYTHON   the Python to make .venv from
+#   AREA     a folder of tests, of test: make test AREA=light_tables
 #   JOBS     fits at a time, of bench-recovery
 #   REPEATS  runs of each rung, of accuracy
 #   EXAMPLES of each property, of stress
@@ -46,7 +47,7 @@ demo: $(installed)
 # Two files at a time, each with one thread: our tensors are small, and threads of two processes would only wait for
 # each other. On two cores that others used as well, 990 tests took 210 s so, and 210 s one after another.
 test: $(installed)
-	OMP_NUM_THREADS=1 $(bin)/python -m pytest -n 2 --dist loadfile
+	OMP_NUM_THREADS=1 $(bin)/python -m pytest -n 2 --dist loadfile $(if $(AREA),$(shell find tests -type d -name '$(AREA)'))
 
 test-llvm: $(installed)
 	bash tools/test_llvm.sh $(bin)/python

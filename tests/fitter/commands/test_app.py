@@ -111,7 +111,7 @@ def test_the_truth_is_within_the_stated_errors(done, gold_photographs):
     (found,) = strictly_parsed(done[1] / "result.json")["materials"]
     (truth,) = strictly_parsed(gold_photographs / "truth.json")["materials"]
     for value, true, error in zip(found["f0"], truth["f0"], found["stderr"]["f0"], strict=True):
-        assert abs(value - true) < 4 * error + 0.005  # the margin of tests/test_pipeline.py
+        assert abs(value - true) < 4 * error + 0.005  # the margin of tests/fitter/pipeline/test_fit_scene.py
     assert abs(found["alpha"] - truth["alpha"]) < 4 * found["stderr"]["alpha"] + 0.01 * truth["alpha"]
 
 
