@@ -8,7 +8,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 import torch
 from jaxtyping import Float
-from scipy.optimize import minimize_scalar
 from torch import Tensor
 
 from fit_material.fitter.forward.pixel_model import central
@@ -79,6 +78,8 @@ def viewer_roughness(
     costs = np.stack([(residual(rho) ** 2).sum(1) for rho in coarse])
     best = int(costs.sum(1).argmin())
     bounds = coarse[max(best - 1, 0)], coarse[min(best + 1, COARSE_STEPS - 1)]
+    from scipy.optimize import minimize_scalar  # 0.8 s, for the fit's end alone
+
     found = minimize_scalar(lambda rho: (residual(rho) ** 2).sum(), bounds=bounds, method="bounded").x  # type: ignore
     if not _is_seen(costs):
         return ViewerRoughness(float(found), math.inf)
