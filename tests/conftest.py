@@ -15,9 +15,7 @@ from fit_material.renderer.backends import dr_jit
 from tests.support.paths import SHARED
 
 if hasattr(signal, "SIGHUP"):
-    signal.signal(
-        signal.SIGHUP, signal.SIG_DFL
-    )  # `nohup` has it ignored, also by what tests begin
+    signal.signal(signal.SIGHUP, signal.SIG_DFL)  # `nohup` has it ignored, also by what tests begin
 dr_jit.prepare()  # before there are threads; processes that tests start inherit the choice, and say nothing of it
 # several tests run at once, and the machine is shared: operations that wait for other cores wait long
 torch.set_num_threads(1)
