@@ -44,10 +44,12 @@ demo: $(installed)
 	$(bin)/fit-material demo -o demo
 	@echo 'Open $(CURDIR)/demo/report.html in a browser.'
 
+folders = $(if $(AREA),$(or $(shell find tests -type d -name '$(AREA)'),$(error no folder of tests is named $(AREA))))
+
 # Two files at a time, each with one thread: our tensors are small, and threads of two processes would only wait for
 # each other. On two cores that others used as well, 990 tests took 210 s so, and 210 s one after another.
 test: $(installed)
-	OMP_NUM_THREADS=1 $(bin)/python -m pytest -n 2 --dist loadfile $(if $(AREA),$(shell find tests -type d -name '$(AREA)'))
+	OMP_NUM_THREADS=1 $(bin)/python -m pytest -n 2 --dist loadfile $(folders)
 
 test-llvm: $(installed)
 	bash tools/test_llvm.sh $(bin)/python

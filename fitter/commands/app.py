@@ -209,7 +209,3 @@ def _stem(result: Path) -> str:
     folder, ending = result.resolve().parent, ".thesis.mtl"
     names = [path.name.removesuffix(ending) for path in folder.glob(f"?*{ending}")]
     return names[0] if len(names) == 1 else folder.name or "material"
-
-
-if __name__ == "__main__":
-    program()

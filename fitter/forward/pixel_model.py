@@ -13,8 +13,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from fit_material.renderer.light_sampling import fresnel_basis
-from fit_material.renderer.light_tables import irradiance_table as irradiance
-from fit_material.renderer.light_tables import light_table
+from fit_material.renderer.light_tables import irradiance_table, light_table
 from fit_material.renderer.light_tables.light_table import LightTable
 from fit_material.renderer.rays.gbuffer import GBuffer
 from fit_material.renderer.rays.occlusion import Occluder
@@ -24,7 +23,7 @@ from fit_material.shaders.materials.types import Glossy, Material, Matte, Metal
 from fit_material.shaders.optics import microfacets, rough_plastic
 from fit_material.shaders.shade import Illumination, Points, reflection, shade
 
-DIFFUSE_DEGREE = 11  # polynomials in √cos: one more than `irradiance.DEGREE`, so that (1 - cos)⁵ is among them
+DIFFUSE_DEGREE = 11  # polynomials in √cos: one more than `irradiance_table.DEGREE`, so that (1 - cos)⁵ is among them
 
 Reflectance = Callable[[Float[Tensor, "*p 1"]], Float[Tensor, "*p c"]]
 """A factor on light by a cosine, for one or three channels."""
@@ -78,8 +77,8 @@ class Body:
     """Light that a diffuse body under each pixel receives.
 
     Attributes:
-        light: D_b of `irradiance.diffuse_table`, [p, b, 3].
-        view: means of `irradiance.cosine_basis` at n·v over the pixel's rays, [p, b].
+        light: D_b of `irradiance_table.diffuse_table`, [p, b, 3].
+        view: means of `irradiance_table.cosine_basis` at n·v over the pixel's rays, [p, b].
     """
 
     light: Float[Tensor, "p b 3"]
@@ -88,14 +87,15 @@ class Body:
     def seen(self, towards_view: Reflectance, towards_light: Reflectance) -> Float[Tensor, "p 3"]:
         """Light that passes twice: by a factor of n·l on its way in, by one of n·v on its way out."""
         factors = dict.fromkeys((towards_light, towards_view))  # one where they are the same: it takes long to compute
-        found = [irradiance.coefficients(factor, self.view, self.view.shape[1]) for factor in factors]
+        found = [irradiance_table.coefficients(factor, self.view, self.view.shape[1]) for factor in factors]
         inwards, outwards = found[0], found[-1]
         return (self.light * inwards).sum(1) * (self.view @ outwards)
 
 
 def _interpolated(factor: Reflectance, cosines: Float[Tensor, "p k"]) -> Float[Tensor, "p k c"]:
     """A factor that takes long to compute, from its values at a few cosines."""
-    return irradiance.cosine_basis(cosines, DIFFUSE_DEGREE) @ irradiance.coefficients(factor, cosines, DIFFUSE_DEGREE)
+    basis = irradiance_table.cosine_basis(cosines, DIFFUSE_DEGREE)
+    return basis @ irradiance_table.coefficients(factor, cosines, DIFFUSE_DEGREE)
 
 
 @dataclass(frozen=True)
@@ -297,7 +297,7 @@ def exact_pixels(
     direct = tuple(DirectLight.of(surface, source, occluder) for source in sources)
     if diffuse is None:
         return ExactPixels(None, None, None, direct, distribution, reflectance, highlights)
-    view = irradiance.cosine_basis(surface.n_dot_v, diffuse.shape[1]).mean(1)
+    view = irradiance_table.cosine_basis(surface.n_dot_v, diffuse.shape[1]).mean(1)
     body = Body(diffuse.double(), view)
     return ExactPixels(None, None, body, direct, distribution, reflectance, highlights)
 

@@ -107,13 +107,7 @@ class Experiment:
         with unfinished_folder(self.folder) as out:
             options = ("--seed", str(seed), *self.options, *rung.options)
             arguments = ("fit", str(self.scene), "-o", str(out), "--quiet", *options)
-            command = [
-                sys.executable,
-                "-P",
-                "-m",
-                "fit_material.fitter.commands.app",
-                *arguments,
-            ]  # -P: no modules of the working folder
+            command = [sys.executable, "-P", "-m", "fit_material", *arguments]  # -P: no modules of the working folder
             ended = measured(command, out / "errors.txt")
             if ended.code == 2:
                 raise Refused(ended.last_words.removeprefix("fit-material: "))

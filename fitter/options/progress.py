@@ -1,8 +1,8 @@
-"""How far a command is, as a bar on the terminal."""
+"""Whoever works calls this: how far a stage is."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 
 Progress = Callable[[str, float], None]
-"""Told a stage of the work and the share of it that is done, in [0, 1]."""
+"""Called with the stage of the work and the fraction of it that is done, in [0, 1]."""

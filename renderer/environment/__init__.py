@@ -1,1 +1,1 @@
-"""Environment maps as cubemaps."""
+"""Environment maps: files, lookups by direction, cubemaps."""

@@ -12,8 +12,7 @@ from torch import Tensor
 from fit_material.renderer.environment import latlong
 from fit_material.renderer.environment.environment import Environment
 from fit_material.renderer.environment.latlong import LatLong
-from fit_material.renderer.light_sampling import environment_sampling as lamps
-from fit_material.renderer.light_sampling import product_sampling
+from fit_material.renderer.light_sampling import environment_sampling, product_sampling
 from fit_material.renderer.light_sampling.environment_sampling import LampSampler
 from fit_material.renderer.rays.local_frame import Frames, frames
 from fit_material.renderer.rays.pixel_footprint import FEW, Rays
@@ -32,7 +31,8 @@ class LightSampler:
 
     @staticmethod
     def of(environment: Environment) -> LightSampler:
-        return LightSampler(latlong.of(environment, lamps.sampling_density(environment)), lamps.build(environment))
+        density = latlong.of(environment, environment_sampling.sampling_density(environment))
+        return LightSampler(density, environment_sampling.build(environment))
 
 
 @dataclass(frozen=True)
@@ -108,7 +108,7 @@ def draw_lobe(
     cos_l = 2 * cos_d * hz - frame.cos_v
     world = frame.to_world(2 * cos_d * hx - frame.sin_v, 2 * cos_d * hy, cos_l)
     found = latlong.lookup(sampler.light, *world)
-    block = sampler.lamps.blocks.at(*lamps.texels(sampler.lamps, *world))
+    block = sampler.lamps.blocks.at(*environment_sampling.texels(sampler.lamps, *world))
     radiance = found[..., :3] if free is None else found[..., :3] * free(world)[..., None]
     density = found[..., 3] * _preferred(sampler, asked, block)
     return Directions(cos_l, hz, hx**2 + hy**2, cos_d, radiance, density, None)
@@ -128,7 +128,7 @@ def draw_lamps(
     block, inside = _choose(asked, (stratum + u) / (samples // 2))
     blocks = sampler.lamps.blocks
     share = blocks.first[block] + inside * blocks.share[block]
-    x, y, z, density = lamps.sample(sampler.lamps, share, u1, u2)
+    x, y, z, density = environment_sampling.sample(sampler.lamps, share, u1, u2)
     found = latlong.lookup(sampler.light, x, y, z)
     lx, ly, lz = frame.to_local(x, y, z)
     hx, hy, hz = lx + frame.sin_v, ly, lz + frame.cos_v

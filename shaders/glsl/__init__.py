@@ -1,1 +1,1 @@
-"""The shading model in GLSL: each file is the twin of the torch file of the same name."""
+"""The shading model in GLSL: each file names its twin in torch."""

@@ -11,7 +11,7 @@ from torch import Tensor
 from fit_material.shaders.optics.microfacets import Distribution
 
 
-def gauss(
+def _gauss(
     diagonal: Float[Tensor, " n"], beside: Float[Tensor, " n-1"]
 ) -> tuple[Float[Tensor, " n"], Float[Tensor, " n"]]:
     """Nodes, ascending, and weights, of sum 1, from the recurrence of orthonormal polynomials [Golub & Welsch 1969]."""
@@ -26,7 +26,7 @@ def _orders(count: int) -> Float[Tensor, " count-1"]:
 def legendre(count: int) -> tuple[Float[Tensor, " count"], Float[Tensor, " count"]]:
     """Gauss–Legendre nodes and weights on [0, 1]."""
     k = _orders(count)
-    x, weight = gauss(k.new_zeros(count), k / (4 * k**2 - 1).sqrt())
+    x, weight = _gauss(k.new_zeros(count), k / (4 * k**2 - 1).sqrt())
     return (x + 1) / 2, weight
 
 
@@ -42,25 +42,25 @@ def half_disc(rings: int, spokes: int) -> tuple[Float[Tensor, " q"], Float[Tenso
 def slope_plane(along: int, across: int) -> tuple[Float[Tensor, " q"], Float[Tensor, " q"], Float[Tensor, " q"]]:
     """x in [0, 1], y > 0 and weights: Gauss–Legendre in x, Gauss–Hermite in y."""
     x, weight_x = legendre(along)
-    y, weight_y = gauss(weight_x.new_zeros(across), (_orders(across) / 2).sqrt())
+    y, weight_y = _gauss(weight_x.new_zeros(across), (_orders(across) / 2).sqrt())
     y, weight_y = y[across // 2 :], weight_y[across // 2 :]
     return x.repeat_interleave(len(y)), y.repeat(along), torch.outer(x * 0 + weight_x, weight_y).flatten()
 
 
 def facets_and_rotations(
-    facets: int, turns: int, distribution: Distribution
+    facets: int, rotations: int, distribution: Distribution
 ) -> tuple[Float[Tensor, " q"], Float[Tensor, " q"], Float[Tensor, " q"]]:
-    """s² = tan²/α² of facets, s cos ψ for turns ψ about them, and weights of sum 1 for D(h) (n·h) dω_h dψ."""
-    squared, weight = squared_slopes(facets, distribution)
-    turn, even = legendre(turns)
-    sideways = torch.outer(squared.sqrt(), torch.cos(math.pi / 2 * turn))
-    return squared.repeat_interleave(turns), sideways.flatten(), torch.outer(weight, even).flatten()
+    """s² = tan²/α² of facets, s cos ψ for rotations ψ about them, and weights of sum 1 for D(h) (n·h) dω_h dψ."""
+    squared, weight = _squared_slopes(facets, distribution)
+    rotation, even = legendre(rotations)
+    sideways = torch.outer(squared.sqrt(), torch.cos(math.pi / 2 * rotation))
+    return squared.repeat_interleave(rotations), sideways.flatten(), torch.outer(weight, even).flatten()
 
 
-def squared_slopes(count: int, distribution: Distribution) -> tuple[Float[Tensor, " q"], Float[Tensor, " q"]]:
+def _squared_slopes(count: int, distribution: Distribution) -> tuple[Float[Tensor, " q"], Float[Tensor, " q"]]:
     """tan²/α² of microfacets, and weights for D(h) (n·h) dω_h, whose sum is 1."""
     if distribution == "beckmann":
-        return gauss(2 * torch.arange(count, dtype=torch.float64) + 1, _orders(count))  # Laguerre's
+        return _gauss(2 * torch.arange(count, dtype=torch.float64) + 1, _orders(count))  # Laguerre's
     t, weight = legendre(count)
     t = math.pi / 2 * t
     return t.tan() ** 2, math.pi / 2 * weight * torch.sin(2 * t)

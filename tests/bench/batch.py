@@ -110,15 +110,7 @@ def run(scenes: Sequence[tuple[Path, str]], how: Sequence[str], kill_after: int 
             shutil.copytree(scene.parent, folder / f"scene-{index:03}")
         lines = [f"scene-{index:03} --type {kind}" for index, (_, kind) in enumerate(scenes)]
         (folder / "list.txt").write_text("\n".join(lines), encoding="utf-8")
-        command = [
-            sys.executable,
-            "-m",
-            "fit_material.fitter.commands.app",
-            "batch",
-            str(folder / "list.txt"),
-            "-o",
-            str(folder / "out"),
-        ]
+        command = [sys.executable, "-m", "fit_material", "batch", str(folder / "list.txt"), "-o", str(folder / "out")]
         begun = time.perf_counter()
         with subprocess.Popen([*command, "--fidelity", FIDELITY, *how], cwd=ROOT, stdout=subprocess.DEVNULL) as process:
             killed = "" if kill_after is None else _kill_one(process, folder / "out", kill_after)

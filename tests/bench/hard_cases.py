@@ -53,7 +53,7 @@ def page_text(found: list[Verdict], peers: list[str], measured: str, command: st
     lines = [
         "# Hard cases",
         "",
-        f"Made by `{command}` from the table in `fitter/hard_cases` and what was measured; do not edit.",
+        f"Made by `{command}` from the table in `fitter/selftest` and what was measured; do not edit.",
         "",
         *measured.strip().splitlines(),
         "",

@@ -191,17 +191,7 @@ def _ours(scene: Path, kind: str, truth: Truth) -> Finish:
 
 def _command(scene: Path, truth: Truth, options: str) -> Finish:
     with tempfile.TemporaryDirectory() as folder:
-        command = [
-            sys.executable,
-            "-m",
-            "fit_material.fitter.commands.app",
-            "fit",
-            str(scene),
-            "-o",
-            folder,
-            "--quiet",
-            *options.split(),
-        ]
+        command = [sys.executable, "-m", "fit_material", "fit", str(scene), "-o", folder, "--quiet", *options.split()]
         begun = time.perf_counter()
         subprocess.run(command, stdout=subprocess.DEVNULL, check=True)
         seconds = time.perf_counter() - begun

@@ -14,6 +14,7 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
+from tests.bench.setting import CACHE
 from tests.support.paths import ROOT
 from tests.support.textured import ball, pattern, photograph_textured
 
@@ -35,8 +36,12 @@ FITTED = {  # options of fit beside the common ones
     "texture": ("--maps", "color", "--type", "matte"),
     "exposure": ("--type", "metal"),
 }
+CHANGED = {  # what `synth` does not write: an exposure to be found, cameras that are off
+    "exposure": ("exposure = 1.0", 'exposure = "fit"'),
+    "poses": ("target = [0.0, 0.0, 0.0]", "target = [0.02, 0.01, 0.0]"),
+}
 COMMON = ("--fidelity", "preview", "--quiet")
-APART = ("time", "inputs", "outputs", "code", "versions")  # keys of a result that hold no number of the fit
+APART = ("time", "inputs", "outputs")  # keys of a result that hold no number of the fit
 
 
 def main(other: Path, folder: Path) -> None:
@@ -46,7 +51,7 @@ def main(other: Path, folder: Path) -> None:
     for name, scene in _photographed(folder):
         codes, found = [], []
         for tree, out in ((other, folder / name / "before"), (ROOT, folder / name / "after")):
-            codes.append(_fit(tree, scene, out, *FITTED.get(name, ())))
+            codes.append(_run(tree, "fit", scene, "-o", out, *COMMON, *FITTED.get(name, ())))
             found.append(json.loads((out / "result.json").read_text("utf-8")))
         print(f"| {name} | {codes[0]}, {codes[1]} | {_compared(*found)} | {_mtl(folder / name)} |", flush=True)
 
@@ -65,17 +70,18 @@ def _photographed(folder: Path) -> Iterator[tuple[str, Path]]:
     yield "texture", out / "scene.toml"
     out = folder / "three materials"
     if not (out / "photographs").exists():
-        subprocess.run([sys.executable, str(ROOT / "examples" / "three_materials.py"), str(out)], check=True)
+        three = [sys.executable, str(ROOT / "examples" / "three_materials.py"), str(out)]
+        subprocess.run(three, stdout=subprocess.DEVNULL, check=True)
     yield "three materials", next(out.rglob("scene.toml"))
 
 
 def _changed(name: str, scene: Path) -> Path:
-    """The scene file with what `synth` does not write: an exposure to be found, cameras that are off."""
+    """The scene file, with what is `CHANGED` in it."""
     text = scene.read_text("utf-8")
-    if name == "exposure":
-        text = text.replace("exposure = 1.0", 'exposure = "fit"')
-    if name == "poses":
-        text = text.replace("target = [0.0, 0.0, 0.0]", "target = [0.02, 0.01, 0.0]")
+    if name in CHANGED:
+        before, after = CHANGED[name]
+        assert before in text, f"synth no longer writes {before}"
+        text = text.replace(before, after)
     changed = scene.with_name("changed.toml")
     changed.write_text(text, "utf-8")
     return changed
@@ -85,11 +91,7 @@ def _run(tree: Path, *arguments: str | Path) -> int:
     package = (tree / "src").is_dir()
     command = [sys.executable, "-m", "fit_material" if package else "fitter.cli", *map(str, arguments)]
     environment = {**os.environ, "PYTHONPATH": str(tree / "src" if package else tree)}
-    return subprocess.run(command, env=environment, cwd=tree, check=False).returncode
-
-
-def _fit(tree: Path, scene: Path, out: Path, *options: str) -> int:
-    return _run(tree, "fit", scene, "-o", out, *COMMON, *options)
+    return subprocess.run(command, env=environment, cwd=tree, stdout=subprocess.DEVNULL, check=False).returncode
 
 
 Numbers = dict[tuple[str, ...], float]
@@ -113,7 +115,7 @@ def _compared(before: Mapping[str, Any], after: Mapping[str, Any]) -> str:
     one, other = dict(_numbers(before)), dict(_numbers(after))
     if one.keys() != other.keys():
         return f"{len(one)} and {len(other)} | not the same numbers: {sorted(one.keys() ^ other.keys())[:3]} | |"
-    relative = {at: abs(one[at] - other[at]) / max(abs(one[at]), abs(other[at]), 1e-300) for at in one}
+    relative = {at: abs(one[at] - other[at]) / (max(abs(one[at]), abs(other[at])) or 1.0) for at in one}
     stated = {at: abs(one[at] - other[at]) / error for at in one if (error := _error_of(at, one))}
     worst, worse = max(relative, key=relative.__getitem__), max(stated.values(), default=math.nan)
     return (
@@ -138,4 +140,4 @@ def _mtl(folder: Path) -> str:
 
 
 if __name__ == "__main__":
-    main(Path(sys.argv[1]).resolve(), Path(sys.argv[2] if len(sys.argv) > 2 else "/tmp/same_results"))
+    main(Path(sys.argv[1]).resolve(), Path(sys.argv[2]) if len(sys.argv) > 2 else CACHE / "same-results")

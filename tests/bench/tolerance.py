@@ -176,17 +176,7 @@ def commands(scenes: Sequence[Path], repeats: int) -> Iterator[str]:
 def _command(scene: Path, options: Sequence[str]) -> Ended:
     """Raises RuntimeError where the command did not come to a result: its seconds would mean nothing."""
     with tempfile.TemporaryDirectory() as folder:
-        command = [
-            sys.executable,
-            "-m",
-            "fit_material.fitter.commands.app",
-            "fit",
-            str(scene),
-            "-o",
-            f"{folder}/out",
-            "--quiet",
-            *options,
-        ]
+        command = [sys.executable, "-m", "fit_material", "fit", str(scene), "-o", f"{folder}/out", "--quiet", *options]
         ended = frontier_runs.measured(command, Path(folder) / "errors.txt")
     if ended.code not in (0, 1):
         raise RuntimeError(f"{scene.parent.name} {' '.join(options)}: code {ended.code}, {ended.last_words}")

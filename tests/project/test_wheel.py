@@ -28,10 +28,10 @@ def test_the_package_has_one_name_and_three_links():
 @pytest.fixture(scope="module")
 def wheel(tmp_path_factory) -> Path:
     folder = tmp_path_factory.mktemp("wheel")
-    done = run(sys.executable, "-m", "pip", "wheel", "-q", "--no-deps", "-w", folder, ROOT)
-    if done.returncode:
-        assert "find a version" in done.stderr, done.stderr
+    if run(sys.executable, "-m", "pip", "index", "versions", "setuptools").returncode:
         pytest.skip("no package index can be reached, from which to build")
+    done = run(sys.executable, "-m", "pip", "wheel", "-q", "--no-deps", "-w", folder, ROOT)
+    assert done.returncode == 0, done.stderr
     (made,) = folder.glob("*.whl")
     return made
 

@@ -24,7 +24,7 @@ from fit_material.renderer.synthesis.synthesise import SynthOptions, synthesise
 from tests.fitter.batch.test_batch import QUICK, run, taken_over, under_way, wait_until
 from tests.support.paths import SOURCE
 
-COMMAND = "import sys; from fit_material.fitter.__main__ import program; sys.argv[0] = 'fit-material'; program()"
+COMMAND = "import sys; from fit_material.__main__ import program; sys.argv[0] = 'fit-material'; program()"
 MARK = "FIT_MATERIAL_TEST"  # in the environment of a batch and of all that it begins
 DONE = "fit-material: 0 of 2 scenes are done and kept; the same command goes on with the others"
 INTERRUPTED = "fit-material: interrupted; files of earlier results are as they were, and frontier and batch can go on"
@@ -159,7 +159,7 @@ def watched(two_scenes, tmp_path_factory) -> Watched:
         each.mkdir()
     for name in ("dask", "distributed"):
         (libraries / f"{name}.py").write_text(TRAP.format(folder=str(imported)))
-    for name in ("dask", "fitter", "multiprocessing", "pickle", "signal", "struct", "torch"):
+    for name in ("dask", "fit_material", "multiprocessing", "pickle", "signal", "struct", "torch"):
         (work / f"{name}.py").write_text(TRAP.format(folder=str(imported)))
     batch = Running(two_scenes, folder, libraries, work)
     batch.wait_until(lambda: len(under_way(batch.out)) == 2)

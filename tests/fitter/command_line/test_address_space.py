@@ -31,16 +31,7 @@ COMMANDS = [
 
 def run(*arguments: str, limit: int, folder) -> subprocess.CompletedProcess[str]:
     return subprocess.run(
-        [
-            "sh",
-            "-c",
-            f'ulimit -v {limit >> 10}; exec "$@"',
-            "sh",
-            sys.executable,
-            "-m",
-            "fit_material.fitter.commands.app",
-            *arguments,
-        ],
+        ["sh", "-c", f'ulimit -v {limit >> 10}; exec "$@"', "sh", sys.executable, "-m", "fit_material", *arguments],
         capture_output=True,
         text=True,
         check=False,

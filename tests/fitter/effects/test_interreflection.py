@@ -215,17 +215,7 @@ def test_the_viewers_model_is_not_polished(tmp_path):
 
 
 def test_without_llvm_the_user_learns_which_package_to_install(tmp_path):
-    command = [
-        sys.executable,
-        "-m",
-        "fit_material.fitter.commands.app",
-        "fit",
-        "scene.toml",
-        "-o",
-        str(tmp_path),
-        "--polish",
-        "--quiet",
-    ]
+    command = [sys.executable, "-m", "fit_material", "fit", "scene.toml", "-o", str(tmp_path), "--polish", "--quiet"]
     environment = {**os.environ, "FIT_MATERIAL_LLVM": "none"}
     done = subprocess.run(command, capture_output=True, text=True, env=environment)
     assert done.returncode == 2

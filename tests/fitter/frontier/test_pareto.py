@@ -328,7 +328,7 @@ def experiment(tmp_path) -> Experiment:
 
 
 def test_runs_take_no_module_of_the_working_folder(experiment, tmp_path, monkeypatch):
-    for name in ("typer", "torch", "fitter"):
+    for name in ("typer", "torch", "fit_material"):
         (tmp_path / f"{name}.py").write_text(f"open({str(tmp_path / 'ran')!r}, 'w')")
     monkeypatch.chdir(tmp_path)
     with pytest.raises(InputError, match=r"scene\.toml"):  # there is none

@@ -332,16 +332,8 @@ def test_the_users_own_plots_need_latex_and_their_jax_a_gpu(gold_photographs, tm
     (tmp_path / "matplotlibrc").write_text("text.usetex: True\nfont.family: nonsense\n")
     environment = {**os.environ, "OMP_NUM_THREADS": "1", "MATPLOTLIBRC": str(tmp_path), "MPLBACKEND": "nonsense"}
     environment |= {"JAX_PLATFORMS": "nonsense"}
-    command = [
-        sys.executable,
-        "-m",
-        "fit_material.fitter.commands.app",
-        "fit",
-        gold_photographs / "scene.toml",
-        "-o",
-        tmp_path / "out",
-        *HOW,
-    ]
+    arguments = ("fit", gold_photographs / "scene.toml", "-o", tmp_path / "out", *HOW)
+    command = [sys.executable, "-m", "fit_material", *arguments]
     ended = subprocess.run(command, capture_output=True, text=True, check=False, env=environment, cwd=tmp_path)
     assert (ended.returncode, ended.stderr) == (0, "")
     assert "reflectance F" in (tmp_path / "out" / "report.html").read_text("utf-8")

@@ -52,20 +52,7 @@ def test_threads_of_every_variant_load_mitsuba_s_own_plugins(hostile, variant):
 
 @pytest.mark.parametrize("surroundings", [pytest.param("studio", marks=pytest.mark.slow), "sunsky"])
 def test_synth_and_plan_load_mitsuba_s_own_plugins(hostile, surroundings):
-    run(
-        hostile,
-        "-m",
-        "fit_material.fitter.commands.app",
-        "synth",
-        "--metal",
-        "Au",
-        *SMALL,
-        "--env",
-        surroundings,
-        "-o",
-        "made",
-        "--quiet",
-    )
+    run(hostile, "-m", "fit_material", "synth", "--metal", "Au", *SMALL, "--env", surroundings, "-o", "made", "--quiet")
     assert (hostile / "made" / "scene.toml").is_file()
     run(
         hostile,

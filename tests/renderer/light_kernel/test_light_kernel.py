@@ -110,7 +110,7 @@ def test_directions_are_even_within_a_texel():
     st.floats(1e-3, 1), st.floats(0, 1), st.floats(0, 1), st.floats(0, 1.4), st.sampled_from(DISTRIBUTIONS)
 )  # fmt: skip
 def test_lobes_are_those_of_float64(alpha, u1, u2, angle, distribution):
-    """The kernel in float32 against `shaders.optics.blur` in float64, of normals that the kernel draws."""
+    """The kernel in float32 against `shaders.optics.microfacets` in float64, of normals that the kernel draws."""
     from drjit.llvm import Float
 
     from fit_material.renderer.light_kernel import microfacets as kernel
