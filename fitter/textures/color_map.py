@@ -29,7 +29,6 @@ from fit_material.renderer.images.image_file import png
 from fit_material.renderer.images.textures import Texture, lookup
 from fit_material.renderer.rays.gbuffer import Tracer
 from fit_material.renderer.rays.uv_atlas import Unwrapped, filled, overlap, unwrapped
-from fit_material.shaders.albedo import albedo
 from fit_material.shaders.materials.types import Glossy, Matte
 
 SMALLEST, LARGEST = 16, 4096  # texels along a side
@@ -138,7 +137,7 @@ def _albedo(part: FittedPart, parts: Sequence[FittedPart]) -> Albedo:
             if each.color_map is not None:
                 color = lookup(Texture(torch.from_numpy(each.color_map.color)), met.uv[own]).double()
                 material = replace(_body(each), color=color)
-            found[own] = albedo(material, each.setting.fidelity.distribution)
+            found[own] = material.albedo(each.setting.fidelity.distribution)
             fitted |= own
         if not fitted.all() and fitted.any():
             found[~fitted] = found[fitted].mean(0)
