@@ -13,15 +13,18 @@ Colours are linear Rec. 709. [thesis 3.2, tables 3.1 and 3.2; MODEL.md 4, 5]
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from dataclasses import fields
 from types import MappingProxyType
+
+from torch import Tensor
 
 from fit_material.shaders.materials.glossy import Glossy
 from fit_material.shaders.materials.material import AbstractMaterial
 from fit_material.shaders.materials.matte import Matte
 from fit_material.shaders.materials.metal import Metal
 
-__all__ = ["TYPES", "TYPE_CODES", "Glossy", "Material", "Matte", "Metal", "material_type"]
+__all__ = ["TYPES", "TYPE_CODES", "Glossy", "Material", "Matte", "Metal", "made_of", "material_type"]
 
 TYPE_CODES: Mapping[str, int] = MappingProxyType({"matte": 0, "glossy": 1, "metal": 2})
 """The number behind `Ns` for each type of material [thesis, table 3.1]."""
@@ -31,9 +34,15 @@ Material = Metal | Glossy | Matte
 TYPES: tuple[type[Metal], type[Glossy], type[Matte]] = (Metal, Glossy, Matte)
 """All types of material."""
 
-_BY_NAME: Mapping[str, type[AbstractMaterial]] = MappingProxyType({each.type: each for each in TYPES})
+_BY_NAME: Mapping[str, type[Material]] = MappingProxyType({each.type: each for each in TYPES})
 
 
 def material_type(name: str) -> type[AbstractMaterial]:
-    """The type of material of that name."""
+    """The type of material of that name: what can be asked of it before there is one."""
     return _BY_NAME[name]
+
+
+def made_of(name: str, quantity: Callable[[str], Tensor]) -> Material:
+    """The material of that type whose quantities are those of a function of their names."""
+    made = _BY_NAME[name]
+    return made(**{each.name: quantity(each.name) for each in fields(made)})
