@@ -36,9 +36,14 @@ class Glossy(AbstractMaterial):
     roughness: Float[Tensor, ""]
 
     type: ClassVar[Literal["glossy"]] = "glossy"
+    noun = "glossy"
     mirrors = True
     has_body = True
     same_as: ClassVar[Mapping[str, str]] = MappingProxyType({"f0": "reflectance"})
+
+    @staticmethod
+    def reflectance_formula(asked: str, microfacets: bool) -> str:
+        return "dielectric" if microfacets and asked == "conductor" else "schlick"
 
     @property
     def f0(self) -> Float[Tensor, "3"]:

@@ -27,12 +27,24 @@ class AbstractMaterial(ABC):
         mirrors: whether it has a specular lobe.
         has_body: whether it has a diffuse lobe.
         same_as: quantities that are another one by a second name.
+        noun: what a sentence calls it.
     """
 
     type: ClassVar[MaterialType]
     mirrors: ClassVar[bool]
     has_body: ClassVar[bool]
     same_as: ClassVar[Mapping[str, str]] = MappingProxyType({})
+    noun: ClassVar[str]
+
+    @staticmethod
+    @abstractmethod
+    def reflectance_formula(asked: str, microfacets: bool) -> str:
+        """Name of the formula of its reflectance, where that one was asked for.
+
+        Args:
+            asked: one of `fresnel_models.REFLECTANCES`.
+            microfacets: whether the lobe is one of these, and not the thesis's blur.
+        """
 
     @property
     @abstractmethod

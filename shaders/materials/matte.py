@@ -30,9 +30,14 @@ class Matte(AbstractMaterial):
     reflectance: Float[Tensor, "3"]
 
     type: ClassVar[Literal["matte"]] = "matte"
+    noun = "matte"
     mirrors = False
     has_body = True
     roughness: ClassVar[None] = None
+
+    @staticmethod
+    def reflectance_formula(asked: str, microfacets: bool) -> str:
+        return "schlick"
 
     @property
     def f0(self) -> None:

@@ -31,9 +31,14 @@ class Metal(AbstractMaterial):
     roughness: Float[Tensor, ""]
 
     type: ClassVar[Literal["metal"]] = "metal"
+    noun = "a metal"
     mirrors = True
     has_body = False
     color: ClassVar[None] = None
+
+    @staticmethod
+    def reflectance_formula(asked: str, microfacets: bool) -> str:
+        return asked
 
     @property
     def f0(self) -> Float[Tensor, "3"]:
