@@ -21,7 +21,7 @@ from torch import Tensor
 
 from fit_material.shaders.lights import DirectionalLight
 from fit_material.shaders.materials.fresnel_models import viewer_reflectance
-from fit_material.shaders.materials.lobes import Diffuse, Lobe, Specular
+from fit_material.shaders.materials.lobes import Blurred, Diffuse, ThesisLobe
 from fit_material.shaders.materials.material import MaterialReflectance
 from fit_material.shaders.materials.types import Material
 from fit_material.shaders.optics import blur, diffuse
@@ -103,9 +103,9 @@ def shade(
     return functools.reduce(operator.add, (_lobe(lobe, points, light) for lobe in lobes))
 
 
-def _lobe(lobe: Lobe, points: Points, light: Illumination) -> Float[Tensor, "*p 3"]:
-    if isinstance(lobe, Specular):
-        return reflection(lobe.reflectance(points.n_dot_v), lobe.width, points, light)
+def _lobe(lobe: ThesisLobe, points: Points, light: Illumination) -> Float[Tensor, "*p 3"]:
+    if isinstance(lobe, Blurred):
+        return reflection(lobe.reflectance(points.n_dot_v), lobe.rho, points, light)
     if isinstance(lobe, Diffuse):
         return lobe.albedo * lobe.leaving(points.n_dot_v) * scattered(points, light)
     assert_never(lobe)

@@ -22,7 +22,7 @@ from fit_material.renderer.rays.gbuffer import GBuffer
 from fit_material.renderer.rays.occlusion import Occluder
 from fit_material.shaders.lights import DirectionalLight
 from fit_material.shaders.materials.fresnel_models import exact_reflectance, viewer_reflectance
-from fit_material.shaders.materials.lobes import Diffuse, Factor, Lobe, Specular
+from fit_material.shaders.materials.lobes import Diffuse, Factor, MicrofacetLobe, Specular
 from fit_material.shaders.materials.material import MaterialReflectance
 from fit_material.shaders.materials.types import Glossy, Material, Matte
 from fit_material.shaders.optics import microfacets
@@ -178,12 +178,12 @@ class ExactPixels(MixedPixels):
         diffuse = (lobe for lobe in self._lobes(material) if isinstance(lobe, Diffuse))
         return functools.reduce(operator.add, map(self._lobe, diffuse))
 
-    def _lobes(self, material: Material) -> tuple[Lobe, ...]:
+    def _lobes(self, material: Material) -> tuple[MicrofacetLobe, ...]:
         return material.microfacet_lobes(self.distribution, self.reflectance)
 
-    def _lobe(self, lobe: Lobe) -> Float[Tensor, "p 3"]:
+    def _lobe(self, lobe: MicrofacetLobe) -> Float[Tensor, "p 3"]:
         if isinstance(lobe, Specular):
-            return self.reflected(lobe.reflectance, lobe.width)
+            return self.reflected(lobe.reflectance, lobe.alpha)
         if isinstance(lobe, Diffuse):
             return lobe.albedo * self.scattered(lobe.leaving, lobe.entering)
         assert_never(lobe)
@@ -194,8 +194,8 @@ class ExactPixels(MixedPixels):
             return None
         (lobe,) = self._lobes(material)
         assert isinstance(lobe, Specular)
-        coefficients = self._coefficients(lobe.reflectance, lobe.width)
-        return (self.table.level_weights(lobe.width)[:, None, None] * coefficients).flatten(0, 1)
+        coefficients = self._coefficients(lobe.reflectance, lobe.alpha)
+        return (self.table.level_weights(lobe.alpha)[:, None, None] * coefficients).flatten(0, 1)
 
     def mixed(self, pixels: slice) -> Float[Tensor, "p q 3"]:
         """The table's light."""

@@ -12,7 +12,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from fit_material.shaders.materials.lobes import Diffuse, Lobe, Specular
+from fit_material.shaders.materials.lobes import Blurred, Diffuse, MicrofacetLobe, Specular, ThesisLobe
 from fit_material.shaders.materials.material import AbstractMaterial, MaterialReflectance
 from fit_material.shaders.optics import diffuse, fresnel, rough_plastic
 from fit_material.shaders.optics.microfacets import Distribution
@@ -58,7 +58,9 @@ class Glossy(AbstractMaterial):
         """Index of refraction η of a surface that mirrors all channels alike, by the first."""
         return rough_plastic.ior(self.reflectance[0])
 
-    def microfacet_lobes(self, distribution: Distribution, reflectance: MaterialReflectance) -> tuple[Lobe, ...]:
+    def microfacet_lobes(
+        self, distribution: Distribution, reflectance: MaterialReflectance
+    ) -> tuple[MicrofacetLobe, ...]:
         """The surface, and light from below a rough dielectric, as Mitsuba's `roughplastic` has it.
 
         f = color · outcoupling · T(n·l) T(n·v) / π        [`shaders.optics.rough_plastic`]
@@ -74,7 +76,7 @@ class Glossy(AbstractMaterial):
 
     def thesis_lobes(
         self, reflectance: MaterialReflectance, tint: Float[Tensor, "*p 3"] | None = None
-    ) -> tuple[Lobe, ...]:
+    ) -> tuple[ThesisLobe, ...]:
         """The surface, and below it the colour that `energy_guard` leaves beside what is mirrored."""
         color = self.color if tint is None else self.color * tint
 
@@ -83,7 +85,7 @@ class Glossy(AbstractMaterial):
             return diffuse.energy_guard(color.expand(f.shape), f)
 
         white = torch.ones_like(self.reflectance)
-        return Specular(self.schlick_reflectance, self.roughness), Diffuse(white, torch.ones_like, guarded)
+        return Blurred(self.schlick_reflectance, self.roughness), Diffuse(white, torch.ones_like, guarded)
 
     def exact_reflectance(self, cosine: Float[Tensor, "*p 1"]) -> Float[Tensor, "*p 1"]:
         """Fresnel's reflectance of a dielectric with one index for all channels."""

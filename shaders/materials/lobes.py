@@ -14,15 +14,28 @@ Factor = Callable[[Float[Tensor, "*p 1"]], Float[Tensor, "*p c"]]
 
 @dataclass(frozen=True)
 class Specular:
-    """Specular lobe: light that the surface mirrors, F · D G / (4 n·l n·v), or the thesis's blur under F.
+    """Specular lobe of microfacets: light that the surface mirrors, F · D G / (4 n·l n·v).
 
     Attributes:
-        reflectance: Fresnel reflectance F: by the cosine at the half vector of microfacets, by n·v of the blur.
-        width: microfacet width alpha, or the blur's radius ρ.
+        reflectance: Fresnel reflectance F, by the cosine between view and half vector.
+        alpha: microfacet width.
     """
 
     reflectance: Factor
-    width: Float[Tensor, ""]
+    alpha: Float[Tensor, ""]
+
+
+@dataclass(frozen=True)
+class Blurred:
+    """Specular lobe as the thesis has it: F times the surroundings around the mirrored view, blurred.
+
+    Attributes:
+        reflectance: Fresnel reflectance F, by n·v.
+        rho: the blur's radius ρ.
+    """
+
+    reflectance: Factor
+    rho: Float[Tensor, ""]
 
 
 @dataclass(frozen=True)
@@ -40,4 +53,5 @@ class Diffuse:
     leaving: Factor
 
 
-Lobe = Specular | Diffuse
+MicrofacetLobe = Specular | Diffuse
+ThesisLobe = Blurred | Diffuse

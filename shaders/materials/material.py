@@ -11,7 +11,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from fit_material.shaders.materials.lobes import Lobe
+from fit_material.shaders.materials.lobes import MicrofacetLobe, ThesisLobe
 from fit_material.shaders.materials.quantities import MaterialType
 from fit_material.shaders.optics.microfacets import Distribution
 
@@ -57,7 +57,9 @@ class AbstractMaterial(ABC):
         """That of its colours or indices; single numbers do not count, as in torch's own promotion."""
 
     @abstractmethod
-    def microfacet_lobes(self, distribution: Distribution, reflectance: MaterialReflectance) -> tuple[Lobe, ...]:
+    def microfacet_lobes(
+        self, distribution: Distribution, reflectance: MaterialReflectance
+    ) -> tuple[MicrofacetLobe, ...]:
         """Lobes of a surface of microfacets [MODEL.md 6].
 
         Args:
@@ -68,7 +70,7 @@ class AbstractMaterial(ABC):
     @abstractmethod
     def thesis_lobes(
         self, reflectance: MaterialReflectance, tint: Float[Tensor, "*p 3"] | None = None
-    ) -> tuple[Lobe, ...]:
+    ) -> tuple[ThesisLobe, ...]:
         """Lobes as the thesis has them, whose light in and out both go by n·v [thesis 3.2; MODEL.md 4].
 
         Args:

@@ -10,7 +10,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from fit_material.shaders.materials.lobes import Diffuse, Lobe
+from fit_material.shaders.materials.lobes import Diffuse, MicrofacetLobe, ThesisLobe
 from fit_material.shaders.materials.material import AbstractMaterial, MaterialReflectance
 from fit_material.shaders.optics import fresnel
 from fit_material.shaders.optics.microfacets import Distribution
@@ -47,12 +47,14 @@ class Matte(AbstractMaterial):
     def dtype(self) -> torch.dtype:
         return self.color.dtype
 
-    def microfacet_lobes(self, distribution: Distribution, reflectance: MaterialReflectance) -> tuple[Lobe, ...]:
+    def microfacet_lobes(
+        self, distribution: Distribution, reflectance: MaterialReflectance
+    ) -> tuple[MicrofacetLobe, ...]:
         return (Diffuse(self.color, entering=torch.ones_like, leaving=functools.partial(reflectance, self)),)
 
     def thesis_lobes(
         self, reflectance: MaterialReflectance, tint: Float[Tensor, "*p 3"] | None = None
-    ) -> tuple[Lobe, ...]:
+    ) -> tuple[ThesisLobe, ...]:
         color = self.color if tint is None else self.color * tint
         return (Diffuse(color, entering=torch.ones_like, leaving=self.schlick_reflectance),)
 

@@ -10,7 +10,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from fit_material.shaders.materials.lobes import Lobe, Specular
+from fit_material.shaders.materials.lobes import Blurred, MicrofacetLobe, Specular, ThesisLobe
 from fit_material.shaders.materials.material import AbstractMaterial, MaterialReflectance
 from fit_material.shaders.optics import fresnel
 from fit_material.shaders.optics.microfacets import Distribution
@@ -48,13 +48,15 @@ class Metal(AbstractMaterial):
     def dtype(self) -> torch.dtype:
         return self.n.dtype
 
-    def microfacet_lobes(self, distribution: Distribution, reflectance: MaterialReflectance) -> tuple[Lobe, ...]:
+    def microfacet_lobes(
+        self, distribution: Distribution, reflectance: MaterialReflectance
+    ) -> tuple[MicrofacetLobe, ...]:
         return (Specular(functools.partial(reflectance, self), self.roughness),)
 
     def thesis_lobes(
         self, reflectance: MaterialReflectance, tint: Float[Tensor, "*p 3"] | None = None
-    ) -> tuple[Lobe, ...]:
-        return (Specular(functools.partial(reflectance, self), self.roughness),)
+    ) -> tuple[ThesisLobe, ...]:
+        return (Blurred(functools.partial(reflectance, self), self.roughness),)
 
     def exact_reflectance(self, cosine: Float[Tensor, "*p 1"]) -> Float[Tensor, "*p 3"]:
         return fresnel.conductor(cosine, self.n, self.k)
