@@ -9,7 +9,7 @@
 #   make stress    properties of whole domains by many examples, and a hundred thousand damaged files; some fifteen minutes
 #   make hard-cases  docs/hard-cases.md, from the table of hard cases, with Mitsuba beside it; two minutes
 #   make check     style, types and the direction of imports, without running anything
-#   make bench     accuracy and time, as the README states them
+#   make bench     accuracy and time, as docs/validation.md states them
 #   make bench-recovery   n, k, F0 and alpha of many metals against the truth and the bound; hours at first
 #   make accuracy  docs/accuracy.md and its plot, measured on this machine; half an hour
 #   make fresh     `make demo` and `make test` on a Debian that has nothing installed; needs root; half an hour
