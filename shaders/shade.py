@@ -9,16 +9,22 @@
 
 from __future__ import annotations
 
+import functools
+import operator
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import assert_never
 
 from jaxtyping import Float
 from torch import Tensor
 
 from fit_material.shaders.lights import DirectionalLight
-from fit_material.shaders.materials.types import Glossy, Material, Matte, Metal
-from fit_material.shaders.optics import blur, diffuse, fresnel
+from fit_material.shaders.materials.fresnel_models import viewer_reflectance
+from fit_material.shaders.materials.lobes import Blurred, Diffuse, ThesisLobe
+from fit_material.shaders.materials.material import MaterialReflectance
+from fit_material.shaders.materials.types import Material
+from fit_material.shaders.optics import blur, diffuse
 
 Lookup = Callable[[Float[Tensor, "*p 3"]], Float[Tensor, "*p 3"]]
 DepthLookup = Callable[[Float[Tensor, "*p 3"]], Float[Tensor, "*p"]]
@@ -85,24 +91,24 @@ class Light(Illumination):
         return blur.blur(self.radiance, r, rho if self.depth is None else rho * self.depth(r))
 
 
-def shade(material: Material, points: Points, light: Illumination) -> Float[Tensor, "*p 3"]:
-    """Radiance towards the viewer, linear Rec. 709."""
-    if isinstance(material, Metal):
-        return reflection(fresnel.lazanyi(points.n_dot_v, material.n, material.k), material.roughness, points, light)
-    if isinstance(material, Glossy):
-        return _glossy(material, points, light)
-    return _matte(material, points, light)
+def shade(
+    material: Material, points: Points, light: Illumination, reflectance: MaterialReflectance = viewer_reflectance
+) -> Float[Tensor, "*p 3"]:
+    """Radiance towards the viewer, linear Rec. 709: the sum over the material's lobes.
+
+    Args:
+        reflectance: of metals; the thesis's is `viewer_reflectance`.
+    """
+    lobes = material.thesis_lobes(reflectance, points.tint)
+    return functools.reduce(operator.add, (_lobe(lobe, points, light) for lobe in lobes))
 
 
-def _glossy(material: Glossy, points: Points, light: Illumination) -> Float[Tensor, "*p 3"]:
-    f = fresnel.schlick(points.n_dot_v, material.reflectance)
-    body = diffuse.energy_guard(_tinted(material.color, points), f)
-    return body * scattered(points, light) + reflection(f, material.roughness, points, light)
-
-
-def _matte(material: Matte, points: Points, light: Illumination) -> Float[Tensor, "*p 3"]:
-    f = fresnel.schlick(points.n_dot_v, material.reflectance)
-    return _tinted(material.color, points) * f * scattered(points, light)
+def _lobe(lobe: ThesisLobe, points: Points, light: Illumination) -> Float[Tensor, "*p 3"]:
+    if isinstance(lobe, Blurred):
+        return reflection(lobe.reflectance(points.n_dot_v), lobe.rho, points, light)
+    if isinstance(lobe, Diffuse):
+        return lobe.albedo * lobe.leaving(points.n_dot_v) * scattered(points, light)
+    assert_never(lobe)
 
 
 def reflection(
@@ -135,9 +141,3 @@ def scattered(points: Points, light: Illumination) -> Float[Tensor, "*p 3"]:
         towards, radiance = source.towards.to(points.normal), source.radiance.to(points.normal)
         found = found + radiance * (points.normal * towards).sum(-1, keepdim=True).clamp_min(0)
     return found
-
-
-def _tinted(color: Float[Tensor, "3"], points: Points) -> Float[Tensor, "*p 3"]:
-    if points.tint is None:
-        return color.expand(points.normal.shape)
-    return color * points.tint

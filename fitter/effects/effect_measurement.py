@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -29,14 +29,14 @@ PIXELS = 256  # fewer than one in eighty of all is then moved further than the m
 PHOTOGRAPHS = 8
 SAMPLES = 4096  # by which no pixel of a mirror under small lamps seems to move by a hundredth
 ALPHAS = (0.05, 0.2, 0.5)  # from polished to dull
-KINDS = {
-    "blur": ("metal", "glossy"),
-    "light-reflection": ("metal", "glossy"),
-    "energy-guard": ("glossy",),
-    "ambient-occlusion": ("glossy", "matte"),
-    "exact-fresnel": ("metal", "glossy"),
+SHOWN_BY: Mapping[str, Callable[[Material], bool]] = {
+    "blur": lambda material: material.mirrors,
+    "light-reflection": lambda material: material.mirrors,
+    "energy-guard": lambda material: material.mirrors and material.has_body,
+    "ambient-occlusion": lambda material: material.has_body,
+    "exact-fresnel": lambda material: material.mirrors,
 }
-"""Types that can show an effect; all types where it is not among these."""
+"""Materials that can show an effect; all where it is not among these."""
 
 
 @dataclass(frozen=True)
@@ -125,7 +125,7 @@ class Measurement:
 
     def shows(self, name: str, material: str) -> bool:
         """Whether that material can show the effect."""
-        return self.materials[material].type in KINDS.get(name, ("metal", "glossy", "matte"))
+        return name not in SHOWN_BY or SHOWN_BY[name](self.materials[material])
 
     def moved(self, name: str, material: str) -> Float[Tensor, " p"]:
         """Relative change of each pixel."""
@@ -144,10 +144,10 @@ class Measurement:
     def _halves(self, effects: frozenset[str], material: Material) -> Float[Tensor, "2 p 3"]:
         """The radiance of the sample with these effects, by either half of the integration's samples."""
         setting, surface = self.setting.simulating(effects), self.sample.surface
-        key = (effects, material.type != "metal")
+        key = (effects, material.has_body)
         if key not in self._bare:
             self._bare[key] = setting.pixels(surface, body=key[1])
-        lobe = (effects & OF_TABLE, None if material.type == "matte" else float(material.roughness))
+        lobe = (effects & OF_TABLE, None if material.roughness is None else float(material.roughness))
         if lobe not in self._tables:
             self._tables[lobe] = setting.table_of(material, surface, SAMPLES)
         model = self._bare[key].under(self._tables[lobe])

@@ -33,12 +33,12 @@ from fit_material.fitter.options.fidelity import Fidelity
 from fit_material.renderer.errors.input_error import InputError
 from fit_material.renderer.light_tables.light_table import LightTable
 from fit_material.renderer.materials.ground_truth import Channels
-from fit_material.renderer.mitsuba.conversion import Bsdf, conductor, diffuse, plastic
+from fit_material.renderer.mitsuba.conversion import Bsdf, bsdf, diffuse
 from fit_material.renderer.path_tracing import differentiable_scene
 from fit_material.renderer.path_tracing.differentiable_scene import DifferentiableScene, Radiance
 from fit_material.renderer.rays.gbuffer import GBuffer
 from fit_material.shaders.materials.quantities import MaterialType
-from fit_material.shaders.materials.types import Glossy, Material, Metal
+from fit_material.shaders.materials.types import Material, Metal, material_type
 from fit_material.shaders.optics import fresnel
 from fit_material.shaders.optics.microfacets import Distribution
 
@@ -123,18 +123,14 @@ class PolishedPixels(MixedPixels):
 
     def radiance(self, material: Material) -> Float[Tensor, "p 3"]:
         """Radiance of every pixel."""
-        assert isinstance(material, Metal)
-        added = torch.einsum("pqc,qc->pc", self._together, self.added[0].mixing(material))
+        added = torch.einsum("pqc,qc->pc", self._together, self.added[0].mixing(_as_metal(material)))
         return self.base.radiance(material) + added
 
     def mixing(self, material: Material) -> Float[Tensor, "q 3"] | None:
         """The base's, and that of what the paths add."""
         assert isinstance(self.base, MixedPixels)
         direct = self.base.mixing(material)
-        if direct is None:
-            return None
-        assert isinstance(material, Metal)
-        return torch.cat([direct, self.added[0].mixing(material)])
+        return None if direct is None else torch.cat([direct, self.added[0].mixing(_as_metal(material))])
 
     def mixed(self, pixels: slice) -> Float[Tensor, "p q 3"]:
         """The base's, and what the paths add."""
@@ -255,8 +251,17 @@ def _way(fit: Fit, before: Float[Tensor, " x"]) -> float:
 
 
 def _metal(fit: Fit) -> Metal:
-    assert isinstance(fit.material, Metal)
-    return fit.material
+    return _as_metal(fit.material)
+
+
+def _as_metal(material: Material) -> Metal:
+    assert isinstance(material, Metal)
+    return material
+
+
+def is_traced(kind: str) -> bool:
+    """Whether paths are traced for a type of material: for those that have a surface alone."""
+    return not material_type(kind).has_body
 
 
 def require_polishable(fidelity: Fidelity) -> None:
@@ -284,12 +289,10 @@ def polish_scene(
 
 def _bsdf(material: Material, lobe: Distribution) -> Bsdf:
     """A found material in Mitsuba's terms."""
-    if isinstance(material, Metal):
-        return conductor(_channels(material.n), _channels(material.k), float(material.roughness), lobe)
-    color = _channels(material.color.clamp(0, 1))
-    if isinstance(material, Glossy):
-        return plastic(color, float(material.reflectance[0]), float(material.roughness), lobe)
-    return diffuse(color)
+    if material.color is not None:
+        material = replace(material, color=material.color.clamp(0, 1))
+    alpha = 0.0 if material.roughness is None else float(material.roughness)
+    return bsdf(material.type, lambda name: _channels(getattr(material, name)), alpha, lobe)
 
 
 def _channels(values: Float[Tensor, "3"]) -> Channels:

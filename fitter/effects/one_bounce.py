@@ -20,7 +20,7 @@ from fit_material.renderer.rays.gbuffer import GBuffer, Tracer
 from fit_material.renderer.rays.self_visibility import cosine_directions, lifted, rough_reflections
 from fit_material.renderer.viewer_model.shading import far_light, shade_surface
 from fit_material.shaders.materials.fresnel_models import exact_reflectance
-from fit_material.shaders.materials.types import Glossy, Material, Matte, Metal
+from fit_material.shaders.materials.types import Material
 
 DIRECTIONS = 32
 
@@ -38,11 +38,11 @@ def returned_light(trace: Tracer, surface: GBuffer, setting: Setting, material: 
     u1, u2 = torch.quasirandom.SobolEngine(2, scramble=True, seed=0).draw(DIRECTIONS).double().T
     u1, u2 = (each.expand(len(surface.hit), -1) for each in (u1, u2))
     found = torch.zeros(len(surface.hit), 3, dtype=torch.float64)
-    if isinstance(material, Metal | Glossy):
+    if material.roughness is not None:
         mirrored = rough_reflections(surface, u1, u2, float(material.roughness))
         reflectance = exact_reflectance(material, surface.n_dot_v[:, None].clamp(0, 1))
         found = found + reflectance * _from_itself(trace, surface, mirrored, setting, material)
-    if isinstance(material, Glossy | Matte):
+    if material.color is not None:
         above = cosine_directions(surface, u1, u2)
         found = found + material.color * _from_itself(trace, surface, above, setting, material)
     return found
@@ -56,7 +56,8 @@ def _from_itself(
     origins = surface.position[:, None].expand_as(towards)
     met = trace(origins[above], towards[above])
     shown = replace(met, hit=met.front, material=0 * met.material, part=0 * met.part)
-    shaded = shade_surface(shown, [Appearance(_as_viewed(material))], [far_light(setting.viewers)]).double()
+    as_viewed = material.with_width_times(RHO_PER_ALPHA)  # the viewer's roughness in place of alpha
+    shaded = shade_surface(shown, [Appearance(as_viewed)], [far_light(setting.viewers)]).double()
     radiance = torch.zeros_like(towards)
     radiance[above] = shaded * ~_hidden(trace, shown, material)[:, None]
     return radiance.mean(1)
@@ -65,7 +66,7 @@ def _from_itself(
 def _hidden(trace: Tracer, met: GBuffer, material: Material) -> Bool[Tensor, " p"]:
     """Whether the object hides what lights these points: what they mirror, or one direction above a diffuse body."""
     places = lifted(met)
-    if isinstance(material, Matte):
+    if not material.mirrors:
         u = torch.rand(2, len(met.hit), 1, generator=torch.Generator().manual_seed(0), dtype=torch.float64)
         lit_from = cosine_directions(places, *u)[:, 0]
     else:
@@ -73,8 +74,3 @@ def _hidden(trace: Tracer, met: GBuffer, material: Material) -> Bool[Tensor, " p
     hidden = torch.zeros_like(met.hit)
     hidden[met.hit] = trace(places.position[met.hit], lit_from[met.hit]).hit
     return hidden
-
-
-def _as_viewed(material: Material) -> Material:
-    """The material with the viewer's roughness in place of alpha."""
-    return material if isinstance(material, Matte) else replace(material, roughness=RHO_PER_ALPHA * material.roughness)

@@ -79,7 +79,7 @@ def why_off(name: str, facts: Facts) -> str | None:
 def why_on(facts: Facts) -> dict[str, str]:
     """Effects that structure alone calls for, if it does not rule them out."""
     sought = {} if facts.found and not facts.blurs else {"blur": "the roughness is sought"}
-    if "metal" in facts.kinds:
+    if facts.kinds - SCATTERS:
         sought["exact-fresnel"] = "n and k differ in it alone"
     if "color" in facts.maps:
         sought["color-map"] = "--maps color recovers it"
@@ -108,7 +108,8 @@ def _no_lights(facts: Facts) -> str | None:
 
 
 def _one_part(facts: Facts) -> str | None:
-    return None if "glossy" in facts.kinds else f"{facts.materials}, of which either body or surface sends out light"
+    layered = facts.kinds & MIRRORS & SCATTERS
+    return None if layered else f"{facts.materials}, of which either body or surface sends out light"
 
 
 def _unlit(facts: Facts) -> str | None:

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 from fit_material.fitter.effects.effect_measurement import Measurement, Sample, possible
-from fit_material.fitter.effects.interreflection import require_polishable
+from fit_material.fitter.effects.interreflection import is_traced, require_polishable
 from fit_material.fitter.effects.plan import Change, Plan, planned
 from fit_material.fitter.effects.plan_rules import Facts
 from fit_material.fitter.forward.lighting import Setting
@@ -109,7 +109,7 @@ class Planner:
         if plan.avoids:
             return ()
         traced = plan["interreflection"].on
-        return tuple(index for index, kind in enumerate(kinds) if kind == "metal" or not traced)
+        return tuple(index for index, kind in enumerate(kinds) if not traced or (kind is not None and is_traced(kind)))
 
 
 def _possible_types(kinds: Sequence[MaterialType | None]) -> frozenset[str]:
@@ -123,7 +123,7 @@ def spared(free: float) -> str | None:
 
 def _untraced(types: frozenset[str], fidelity: Fidelity) -> str | None:
     """Why no paths can be traced; finds out by loading Mitsuba, which takes a second."""
-    if "metal" not in types:
+    if not any(map(is_traced, types)):
         return "paths are traced for metals alone"
     try:
         require_polishable(fidelity)

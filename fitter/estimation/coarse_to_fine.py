@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import torch
 from jaxtyping import Float
@@ -34,7 +35,7 @@ from fit_material.fitter.options.fidelity import Fidelity
 from fit_material.renderer.light_tables.light_table import LightTable
 from fit_material.renderer.materials.catalogue import read_catalogue
 from fit_material.shaders.materials.quantities import MaterialType
-from fit_material.shaders.materials.types import Material, Metal
+from fit_material.shaders.materials.types import Glossy, Material, Matte, Metal, material_type
 from fit_material.shaders.optics import fresnel
 
 SEARCH_SCATTER = 0.03  # of the relative difference, while nothing is known of it yet
@@ -119,14 +120,14 @@ def facing(problem: Problem, fit: Fit) -> Problem:
 
 def _draft(problem: Problem, kind: MaterialType) -> Fit:
     model, seen = problem.pixels(kind), problem.observed.radiance
-    if kind != "matte":
+    if material_type(kind).mirrors:
         model = model.under(problem.search_table)
     plain = model.turns[1] if isinstance(model, TurnedPixels) else model
     gains = _guessed(problem, kind, plain)
     factors = 1.0 if gains is None else gains.factors(gains.nuisances.start)
     weight = relative_weight(seen / factors)
     start = STARTS[kind](plain, seen / factors, weight)
-    coordinates = _coordinates(start, model, problem.fidelity)
+    coordinates = _COORDINATES[kind](start, model.table, problem.fidelity)
     residuals = Residuals(model, coordinates, seen, even_whitening(weight / factors, SEARCH_SCATTER), gains)
     beside = seen.new_zeros(0) if gains is None else gains.nuisances.start
     solution = problem.solver(residuals, torch.cat([coordinates.free(start), beside]), ROUGH)
@@ -160,7 +161,7 @@ def _refinements(problem: Problem, fit: Fit) -> Iterator[Fit]:
     problem = facing(problem, fit)
     coarse, fidelity = problem.coarse, problem.fidelity
     samples = min(fidelity.samples, MIDWAY * fidelity.search_samples)
-    for factor in fidelity.spans[:-1] if fit.material.type != "matte" else ():
+    for factor in fidelity.spans[:-1] if fit.material.mirrors else ():
         span = _span_around(roughness_of(fit), factor, problem.whole)
         fit = next_round(coarse, fit, coarse.table(span, fidelity.levels, samples, "integrating"))
         yield fit
@@ -168,7 +169,7 @@ def _refinements(problem: Problem, fit: Fit) -> Iterator[Fit]:
 
 
 def _finest(problem: Problem, fit: Fit) -> Iterator[Fit]:
-    if fit.material.type == "matte":
+    if not fit.material.mirrors:
         for _ in range(1 + MORE_ROUNDS):
             fit = next_round(problem, fit, None)
             yield fit
@@ -231,15 +232,28 @@ def _whitening(problem: Problem, picture: Float[Tensor, "p 3"], seen: Float[Tens
     return even_whitening(weight, max(scatter(((picture - seen) * weight)[measured]), EXACT))
 
 
-def _coordinates(start: Material, model: PixelModel, fidelity: Fidelity) -> Coordinates:
-    """The unknowns of the start's type; outside the viewer's model dielectrics reflect all channels alike."""
-    channels = 3 if fidelity.blurs else 1
-    if model.table is None:
-        return MatteCoordinates(channels)
-    roughness = _interval(model.table)
-    if not isinstance(start, Metal):
-        return GlossyCoordinates(roughness, Interval(0.0, 1.0) if fidelity.blurs else DIELECTRIC, channels)
-    return MetalCoordinates(roughness, None if fidelity.reflectance == "conductor" else _known_tint(start))
+def _metal_coordinates(start: Metal, table: LightTable | None, fidelity: Fidelity) -> MetalCoordinates:
+    assert table is not None
+    return MetalCoordinates(_interval(table), None if fidelity.reflectance == "conductor" else _known_tint(start))
+
+
+def _glossy_coordinates(start: Glossy, table: LightTable | None, fidelity: Fidelity) -> GlossyCoordinates:
+    """Outside the viewer's model dielectrics reflect all channels alike."""
+    assert table is not None
+    reflectance, channels = (Interval(0.0, 1.0), 3) if fidelity.blurs else (DIELECTRIC, 1)
+    return GlossyCoordinates(_interval(table), reflectance, channels)
+
+
+def _matte_coordinates(start: Matte, table: LightTable | None, fidelity: Fidelity) -> MatteCoordinates:
+    return MatteCoordinates(channels=3 if fidelity.blurs else 1)
+
+
+_COORDINATES: Mapping[MaterialType, Callable[[Any, LightTable | None, Fidelity], Coordinates]] = {
+    "metal": _metal_coordinates,
+    "glossy": _glossy_coordinates,
+    "matte": _matte_coordinates,
+}
+"""The unknowns of a material of each type: by what a search starts from, the light table, and the fidelity."""
 
 
 def _known_tint(start: Metal) -> Float[Tensor, "3"]:
@@ -255,7 +269,7 @@ def _interval(table: LightTable) -> Interval:
 
 def roughness_of(fit: Fit) -> float:
     material = fit.material
-    return 0.0 if material.type == "matte" else float(material.roughness)
+    return 0.0 if material.roughness is None else float(material.roughness)
 
 
 def _span_around(roughness: float, factor: float, whole: tuple[float, float]) -> tuple[float, float]:

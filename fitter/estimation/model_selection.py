@@ -14,6 +14,7 @@ from fit_material.fitter.estimation.roughness_survey import surveyed
 from fit_material.fitter.least_squares.noise import relative_weight, scatter
 from fit_material.fitter.least_squares.residuals import ROBUST_AT, huber
 from fit_material.shaders.materials.quantities import MaterialType
+from fit_material.shaders.materials.types import material_type
 
 KINDS: tuple[MaterialType, ...] = ("metal", "glossy", "matte")
 HOPELESS = 2.0  # times the least squared difference at the drafts' accuracy: no refinement makes up for that
@@ -63,8 +64,9 @@ def _is_hopeful(kind: MaterialType, rough: Mapping[MaterialType, float], count: 
     Where the matte one is best, none other may: it is a glossy one that mirrors nothing, and if mirroring gained
     nothing by a coarse table, it gains nothing by a fine one.
     """
-    if rough["matte"] == 0:
-        return kind == "matte"
+    best = [each for each, behind in rough.items() if behind == 0 and not material_type(each).mirrors]
+    if best:
+        return kind in best
     return rough[kind] <= count * math.log(HOPELESS)
 
 

@@ -21,6 +21,7 @@ from fit_material.fitter.options.fidelity import BLUR_RANGE, MICROFACET_RANGE, F
 from fit_material.fitter.options.progress import Progress
 from fit_material.renderer.light_tables.light_table import LightTable
 from fit_material.shaders.materials.quantities import MaterialType
+from fit_material.shaders.materials.types import material_type
 
 
 @dataclass(frozen=True)
@@ -107,4 +108,4 @@ class Problem:
 
     def pixels(self, kind: MaterialType) -> PixelModel:
         """The pixels' model, with what that type calls for and nothing else, and without a table so far."""
-        return self._surface if kind == "metal" else self._body
+        return self._body if material_type(kind).has_body else self._surface

@@ -60,7 +60,7 @@ def _sockets(material: FittedMaterial) -> Mapping[str, str]:
         "Roughness": number(look.roughness),
         "IOR": number(look.ior),
         "Specular IOR Level": number(look.specular / 2),  # ½ leaves the reflectance as the IOR has it
-        "Specular Tint": _color(f82_tint(material) if material.type == "metal" else look.tint),
+        "Specular Tint": _color(f82_tint(material) if look.metallic else look.tint),
     }
 
 

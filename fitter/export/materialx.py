@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from xml.etree import ElementTree
 from xml.etree.ElementTree import Element, SubElement
 
@@ -10,6 +10,7 @@ from fit_material.fitter.export.values import front_color, given, identifiers, i
 from fit_material.fitter.result.formatting import remarks
 from fit_material.fitter.result.schema import FittedMaterial
 from fit_material.renderer.errors.printable import printable
+from fit_material.shaders.materials.quantities import MaterialType
 
 BETWEEN = ", "
 
@@ -57,16 +58,31 @@ class _Nodes:
 
 def _bsdf(graph: _Nodes, material: FittedMaterial) -> str:
     """The name of the node that scatters light as the material does."""
-    if material.type == "metal":
-        index = {"ior": _color(given(material, "n")), "extinction": _color(given(material, "k"))}
-        return graph.add("conductor_bsdf", "BSDF", **index, roughness=_width(material))
-    body = graph.add("oren_nayar_diffuse_bsdf", "BSDF", color=_color(front_color(material)))
-    if material.type == "matte":
-        return body
+    return _BSDFS[material.type](graph, material)
+
+
+def _metal(graph: _Nodes, material: FittedMaterial) -> str:
+    index = {"ior": _color(given(material, "n")), "extinction": _color(given(material, "k"))}
+    return graph.add("conductor_bsdf", "BSDF", **index, roughness=_width(material))
+
+
+def _glossy(graph: _Nodes, material: FittedMaterial) -> str:
+    body = _matte(graph, material)
     ior, tint = index_and_tint(given(material, "reflectance"))
     index = {"ior": ("float", number(ior)), "tint": _color(tint)}
     coat = graph.add("dielectric_bsdf", "BSDF", **index, roughness=_width(material))
     return graph.add("layer", "BSDF", top=("BSDF", coat), base=("BSDF", body))
+
+
+def _matte(graph: _Nodes, material: FittedMaterial) -> str:
+    return graph.add("oren_nayar_diffuse_bsdf", "BSDF", color=_color(front_color(material)))
+
+
+_BSDFS: Mapping[MaterialType, Callable[[_Nodes, FittedMaterial], str]] = {
+    "metal": _metal,
+    "glossy": _glossy,
+    "matte": _matte,
+}
 
 
 def _color(values: Sequence[float]) -> tuple[str, str]:

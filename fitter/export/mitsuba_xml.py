@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from xml.etree import ElementTree
 from xml.etree.ElementTree import Comment, Element, SubElement
 
@@ -18,6 +18,7 @@ from fit_material.fitter.export.values import (
 from fit_material.fitter.result.formatting import remarks
 from fit_material.fitter.result.schema import FittedMaterial
 from fit_material.renderer.mitsuba.conversion import Bsdf, conductor, diffuse, plastic
+from fit_material.shaders.materials.quantities import MaterialType
 
 
 def mitsuba_xml(materials: Sequence[FittedMaterial]) -> str:
@@ -39,15 +40,31 @@ def mitsuba_xml(materials: Sequence[FittedMaterial]) -> str:
 
 
 def _bsdf(material: FittedMaterial) -> Bsdf:
-    if material.type == "matte":
-        return diffuse(front_color(material))
+    return _BSDFS[material.type](material)
+
+
+def _metal(material: FittedMaterial) -> Bsdf:
     alpha = given(material, "alpha")
-    if material.type == "metal":
-        return conductor(given(material, "n"), given(material, "k"), alpha)
+    return conductor(given(material, "n"), given(material, "k"), alpha)
+
+
+def _glossy(material: FittedMaterial) -> Bsdf:
+    alpha = given(material, "alpha")
     reflectance = given(material, "reflectance")
     _, tint = index_and_tint(reflectance)
     surface = plastic(front_color(material), max(reflectance), alpha)
     return {**surface, "specular_reflectance": {"type": "rgb", "value": tint}}
+
+
+def _matte(material: FittedMaterial) -> Bsdf:
+    return diffuse(front_color(material))
+
+
+_BSDFS: Mapping[MaterialType, Callable[[FittedMaterial], Bsdf]] = {
+    "metal": _metal,
+    "glossy": _glossy,
+    "matte": _matte,
+}
 
 
 def _add(node: Element, key: str, value: object) -> None:

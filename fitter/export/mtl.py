@@ -14,7 +14,7 @@ from types import MappingProxyType
 from fit_material.fitter.export.values import front_color, given, number, numbers
 from fit_material.fitter.result.schema import FittedMaterial
 from fit_material.renderer.materials.mtl_syntax import written_names
-from fit_material.shaders.materials.types import TYPE_CODES
+from fit_material.shaders.materials.types import TYPE_CODES, material_type
 
 ILLUM: Mapping[str, int] = MappingProxyType({"matte": 1, "glossy": 2, "metal": 3})
 """The ordinary `illum`: diffuse, with highlight, with reflection."""
@@ -64,11 +64,12 @@ def thesis_mtl(
     """
 
     def body(material: FittedMaterial, files: Maps) -> Lines:
-        metal, matte = material.type == "metal", material.type == "matte"
+        kind = material_type(material.type)
+        ambient, diffuse = ("reflectance", "color") if kind.has_body else ("k", "n")
         yield f"Ns {codes[material.type]}"
-        yield _triple("Ka", given(material, "k" if metal else "reflectance"))
-        yield _triple("Kd", given(material, "n" if metal else "color"))
-        yield _triple("Ks", [0.0 if matte else given(material, "roughness")] * 3)
+        yield _triple("Ka", given(material, ambient))
+        yield _triple("Kd", given(material, diffuse))
+        yield _triple("Ks", [given(material, "roughness") if kind.mirrors else 0.0] * 3)
         if files.ambient_occlusion:  # before map_Kd: F3D takes whichever comes last for the colour
             yield _texture("map_Ka", files.ambient_occlusion)
         if files.color:
@@ -102,12 +103,13 @@ def ordinary_mtl(materials: Sequence[FittedMaterial], maps: Mapping[str, Maps] =
 
     def body(material: FittedMaterial, files: Maps) -> Lines:
         front, highlight = _ordinary_colors(material)
-        alpha = 1.0 if material.type == "matte" else given(material, "alpha")
+        kind = material_type(material.type)
+        alpha = given(material, "alpha") if kind.mirrors else 1.0
         yield _triple("Kd", front)
         yield _triple("Ks", highlight)
         yield f"Ns {number(_blinn_exponent(alpha))}"
         yield f"Pr {number(math.sqrt(alpha))}"
-        yield f"Pm {1 if material.type == 'metal' else 0}"
+        yield f"Pm {0 if kind.has_body else 1}"
         yield f"illum {ILLUM[material.type]}"
         if files.color:
             yield _texture("map_Kd", files.color)

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 from fit_material.fitter.export.values import Rgb, front_color, given, index_and_tint
 from fit_material.fitter.result.schema import FittedMaterial
+from fit_material.shaders.materials.quantities import MaterialType
 
 WHITE: Rgb = (1.0, 1.0, 1.0)
 
@@ -46,11 +48,29 @@ def principled(material: FittedMaterial) -> Principled:
     Raises:
         ValueError: a number that they ask for is missing, not finite or out of range.
     """
-    base_color = front_color(material)
-    if material.type == "matte":
-        return Principled(base_color, metallic=0.0, roughness=1.0, specular=0.0)
-    roughness = math.sqrt(given(material, "alpha"))
-    if material.type == "metal":
-        return Principled(base_color, metallic=1.0, roughness=roughness)
+    return _PRINCIPLED[material.type](material)
+
+
+def _metal(material: FittedMaterial) -> Principled:
+    return Principled(front_color(material), metallic=1.0, roughness=_roughness(material))
+
+
+def _glossy(material: FittedMaterial) -> Principled:
+    color, roughness = front_color(material), _roughness(material)
     ior, tint = index_and_tint(given(material, "reflectance"))
-    return Principled(base_color, metallic=0.0, roughness=roughness, ior=ior, tint=tint)
+    return Principled(color, metallic=0.0, roughness=roughness, ior=ior, tint=tint)
+
+
+def _matte(material: FittedMaterial) -> Principled:
+    return Principled(front_color(material), metallic=0.0, roughness=1.0, specular=0.0)
+
+
+_PRINCIPLED: Mapping[MaterialType, Callable[[FittedMaterial], Principled]] = {
+    "metal": _metal,
+    "glossy": _glossy,
+    "matte": _matte,
+}
+
+
+def _roughness(material: FittedMaterial) -> float:
+    return math.sqrt(given(material, "alpha"))

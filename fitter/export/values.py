@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any
 
 import torch
@@ -11,6 +11,7 @@ import torch
 from fit_material.fitter.result.schema import FittedMaterial
 from fit_material.renderer.errors.printable import printable
 from fit_material.renderer.materials.mtl_syntax import FLOAT32_MAX, distinct
+from fit_material.shaders.materials.quantities import MaterialType
 from fit_material.shaders.optics.fresnel import index_limit
 
 Rgb = tuple[float, float, float]
@@ -48,13 +49,20 @@ def numbers(values: Iterable[float], between: str = " ") -> str:
 
 def front_color(material: FittedMaterial) -> Rgb:
     """The colour of the body seen from the front, linear Rec. 709: F0 of metals, color · reflectance of matte ones."""
-    if material.type == "metal":
-        return given(material, "f0")
-    color = given(material, "color")
-    if material.type == "glossy":
-        return color
-    red, green, blue = (c * f for c, f in zip(color, given(material, "reflectance"), strict=True))
+    return _FRONT_COLORS[material.type](material)
+
+
+def _seen_from_the_front(material: FittedMaterial) -> Rgb:
+    colors = zip(given(material, "color"), given(material, "reflectance"), strict=True)
+    red, green, blue = (color * reflectance for color, reflectance in colors)
     return red, green, blue
+
+
+_FRONT_COLORS: Mapping[MaterialType, Callable[[FittedMaterial], Rgb]] = {
+    "metal": lambda material: given(material, "f0"),
+    "glossy": lambda material: given(material, "color"),
+    "matte": _seen_from_the_front,
+}
 
 
 def index_and_tint(reflectance: Sequence[float]) -> tuple[float, Rgb]:

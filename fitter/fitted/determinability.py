@@ -9,7 +9,7 @@ import torch
 
 from fit_material.fitter.estimation.coarse_to_fine import Fit
 from fit_material.fitter.least_squares.noise import darkest
-from fit_material.fitter.materials.coordinates import Coordinates, MetalCoordinates
+from fit_material.fitter.materials.coordinates import Coordinates
 from fit_material.fitter.metal_prior.mixture_posterior import Borrowed, TooFar
 from fit_material.fitter.observations.pixel_selection import Observations
 from fit_material.fitter.result.schema import CHANNELS, FittedMaterial
@@ -63,7 +63,7 @@ def seen_by(fit: Fit, observed: Observations, guessed: tuple[str, ...] = ()) -> 
 
 def sees_f0_only(coordinates: Coordinates) -> bool:
     """Whether a metal was fitted by a reflectance that n and k enter through F0 alone [MODEL.md 1]."""
-    return isinstance(coordinates, MetalCoordinates) and coordinates.tint is not None
+    return coordinates.sees_f0_only
 
 
 def verdicts(material: FittedMaterial, seen: Seen) -> list[str]:

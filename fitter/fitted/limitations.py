@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 
 from fit_material.fitter.fitted.part import FittedPart
 from fit_material.fitter.observations.scene_data import Loaded
 from fit_material.fitter.options.fidelity import Fidelity
 from fit_material.fitter.result.schema import FittedMaterial
 from fit_material.renderer.materials.catalogue import DARKEST_MATTE, DARKEST_METAL
+from fit_material.shaders.materials.types import material_type
 
 NAMED = 3  # photographs, at most
+DARKEST: Mapping[str, tuple[str, float]] = {"metal": ("f0", DARKEST_METAL), "matte": ("color", DARKEST_MATTE)}
+"""What no material of a type has less of; a glossy one may have a black body."""
 
 
 def caveats(loaded: Loaded, parts: Sequence[FittedPart], fidelity: Fidelity) -> list[str]:
@@ -58,7 +61,7 @@ def _on_the_model(parts: Sequence[FittedPart], fidelity: Fidelity) -> Iterator[s
                 f"{part.material.name} returns less light than any {part.material.type} material:"
                 " exposures or the environment's scale are wrong."
             )
-    if fidelity.blurs and any(part.material.type != "matte" for part in parts):
+    if fidelity.blurs and any(material_type(part.material.type).mirrors for part in parts):
         yield (
             "The viewer's blur follows no real lobe closely: F0 and roughness make up for the difference, which their"
             " errors do not count."
@@ -66,7 +69,9 @@ def _on_the_model(parts: Sequence[FittedPart], fidelity: Fidelity) -> Iterator[s
 
 
 def is_too_dark(material: FittedMaterial) -> bool:
-    """Whether no material of that type is as dark; a glossy one may have a black body."""
-    if material.type == "metal":
-        return material.f0 is not None and max(material.f0) < DARKEST_METAL
-    return material.type == "matte" and material.color is not None and max(material.color) < DARKEST_MATTE
+    """Whether no material of that type is as dark."""
+    if material.type not in DARKEST:
+        return False
+    key, least = DARKEST[material.type]
+    found = getattr(material, key)
+    return found is not None and max(found) < least

@@ -23,6 +23,7 @@ from fit_material.fitter.result.schema import (
 )
 from fit_material.fitter.uncertainty.correlation import correlation
 from fit_material.fitter.uncertainty.estimates import QUANTITIES, Measured, measured, of_viewer, paired, rule, unseen
+from fit_material.shaders.materials.types import material_type
 
 T = TypeVar("T")
 
@@ -53,9 +54,9 @@ def fitted_material(
         nearest: known metals, nearest first.
         borrowed: n and k as known metals suggest them, for the channels whose own are not determined.
     """
-    kind, viewers = fit.material.type, rho is None and fit.material.type != "matte"
+    kind, viewers = fit.material.type, rho is None and fit.material.mirrors
     found = {key: measured(fit, spread, key) for key in QUANTITIES[kind]}
-    if kind == "metal":
+    if {"n", "k"} <= found.keys():
         blind = sees_f0_only(fit.residuals.coordinates)
         found |= {key: unseen(fit, key) for key in ("n", "k")} if blind else paired(found["n"], found["k"], fit)
     if viewers:
@@ -111,7 +112,7 @@ def describe(choice: Choice, material: FittedMaterial, seen: Seen, borrowed: Bor
     ending = f"converged {steps}" if fit.solution.status == "converged" else f"stopped {steps} without converging"
     sentences = [f"The fit {ending}.", *_on_the_type(choice), *verdicts(material, seen)]
     sentences += on_the_prior(material, borrowed)
-    limit = NO_METAL_BEYOND if material.type == "metal" else 1.0
+    limit = 1.0 if material_type(material.type).has_body else NO_METAL_BEYOND
     shining = [channel for channel, f0 in zip(CHANNELS, material.f0 or (), strict=False) if f0 > limit]
     if shining:
         sentences.append(

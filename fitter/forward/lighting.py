@@ -140,12 +140,12 @@ class Setting:
 
     def model(self, material: Material, surface: GBuffer, samples: int) -> PixelModel:
         """The model of pixels by a table that holds the roughness of one material alone."""
-        bare = self.pixels(surface, body=material.type != "metal", shown=True)
+        bare = self.pixels(surface, body=material.has_body, shown=True)
         return bare.under(self.table_of(material, surface, samples))
 
     def table_of(self, material: Material, surface: GBuffer, samples: int) -> LightTable | None:
         """The light through the lobe of one material alone; None of one that mirrors nothing."""
-        if material.type == "matte":
+        if material.roughness is None:
             return None
         roughness = float(material.roughness)
         span = (roughness * 0.999, roughness * 1.001, 1)  # the one level lies in their middle

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import functools
 import math
+import operator
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import assert_never
 
 import torch
 from jaxtyping import Float
@@ -18,15 +20,14 @@ from fit_material.renderer.light_tables.light_table import LightTable
 from fit_material.renderer.rays.gbuffer import GBuffer
 from fit_material.renderer.rays.occlusion import Occluder
 from fit_material.shaders.lights import DirectionalLight
-from fit_material.shaders.materials.fresnel_models import MaterialReflectance, exact_reflectance, viewer_reflectance
-from fit_material.shaders.materials.types import Glossy, Material, Matte, Metal
-from fit_material.shaders.optics import microfacets, rough_plastic
-from fit_material.shaders.shade import Illumination, Points, reflection, shade
+from fit_material.shaders.materials.fresnel_models import exact_reflectance, viewer_reflectance
+from fit_material.shaders.materials.lobes import Diffuse, Factor, MicrofacetLobe, Specular
+from fit_material.shaders.materials.material import MaterialReflectance
+from fit_material.shaders.materials.types import Glossy, Material, Matte
+from fit_material.shaders.optics import microfacets
+from fit_material.shaders.shade import Illumination, Points, shade
 
 DIFFUSE_DEGREE = 11  # polynomials in √cos: one more than `irradiance_table.DEGREE`, so that (1 - cos)⁵ is among them
-
-Reflectance = Callable[[Float[Tensor, "*p 1"]], Float[Tensor, "*p c"]]
-"""A factor on light by a cosine, for one or three channels."""
 
 
 class PixelModel(ABC):
@@ -84,7 +85,7 @@ class Body:
     light: Float[Tensor, "p b 3"]
     view: Float[Tensor, "p b"]
 
-    def seen(self, towards_view: Reflectance, towards_light: Reflectance) -> Float[Tensor, "p 3"]:
+    def seen(self, towards_view: Factor, towards_light: Factor) -> Float[Tensor, "p 3"]:
         """Light that passes twice: by a factor of n·l on its way in, by one of n·v on its way out."""
         factors = dict.fromkeys((towards_light, towards_view))  # one where they are the same: it takes long to compute
         found = [irradiance_table.coefficients(factor, self.view, self.view.shape[1]) for factor in factors]
@@ -92,7 +93,7 @@ class Body:
         return (self.light * inwards).sum(1) * (self.view @ outwards)
 
 
-def _interpolated(factor: Reflectance, cosines: Float[Tensor, "p k"]) -> Float[Tensor, "p k c"]:
+def _interpolated(factor: Factor, cosines: Float[Tensor, "p k"]) -> Float[Tensor, "p k c"]:
     """A factor that takes long to compute, from its values at a few cosines."""
     basis = irradiance_table.cosine_basis(cosines, DIFFUSE_DEGREE)
     return basis @ irradiance_table.coefficients(factor, cosines, DIFFUSE_DEGREE)
@@ -126,13 +127,13 @@ class DirectLight:
         return DirectLight(surface.n_dot_v, cos_l, cos_h.clamp_min(1e-6), cos_d, math.pi * source.radiance.double())
 
     def reflected(
-        self, reflectance: Reflectance, alpha: Float[Tensor, ""], distribution: microfacets.Distribution
+        self, reflectance: Factor, alpha: Float[Tensor, ""], distribution: microfacets.Distribution
     ) -> Float[Tensor, "p 3"]:
         """E · F D G / (4 n·v), the mean over each pixel."""
         facets = microfacets.reflected(self.cos_v, self.cos_l, self.cos_h, alpha, distribution)
         return self.irradiance * (reflectance(self.cos_d[..., None]) * facets[..., None]).mean(1)
 
-    def scattered(self, towards_view: Reflectance, towards_light: Reflectance) -> Float[Tensor, "p 3"]:
+    def scattered(self, towards_view: Factor, towards_light: Factor) -> Float[Tensor, "p 3"]:
         """E · cos/π of a white body, by a factor of n·l on the way in and one of n·v on the way out."""
         passed = _interpolated(towards_light, self.cos_l) * _interpolated(towards_view, self.cos_v)
         return self.irradiance / math.pi * (passed * self.cos_l[..., None]).mean(1)
@@ -169,45 +170,43 @@ class ExactPixels(MixedPixels):
         return replace(self, table=table, light=None if table is None else table.mean(torch.float64))
 
     def radiance(self, material: Material) -> Float[Tensor, "p 3"]:
-        """Radiance of every pixel."""
-        if isinstance(material, Matte):
-            return self.sent_by_body(material)
-        surface = self.reflected(functools.partial(self.reflectance, material), material.roughness)
-        return surface if isinstance(material, Metal) else surface + self.sent_by_body(material)
+        """Radiance of every pixel: the sum over the material's lobes."""
+        return functools.reduce(operator.add, map(self._lobe, self._lobes(material)))
 
     def sent_by_body(self, material: Glossy | Matte) -> Float[Tensor, "p 3"]:
         """Light from the diffuse body, which needs no table."""
-        if isinstance(material, Matte):
-            return material.color * self.scattered(functools.partial(self.reflectance, material))
-        return self._scattered_inside(material)
+        diffuse = (lobe for lobe in self._lobes(material) if isinstance(lobe, Diffuse))
+        return functools.reduce(operator.add, map(self._lobe, diffuse))
+
+    def _lobes(self, material: Material) -> tuple[MicrofacetLobe, ...]:
+        return material.microfacet_lobes(self.distribution, self.reflectance)
+
+    def _lobe(self, lobe: MicrofacetLobe) -> Float[Tensor, "p 3"]:
+        if isinstance(lobe, Specular):
+            return self.reflected(lobe.reflectance, lobe.alpha)
+        if isinstance(lobe, Diffuse):
+            return lobe.albedo * self.scattered(lobe.leaving, lobe.entering)
+        assert_never(lobe)
 
     def mixing(self, material: Material) -> Float[Tensor, "q 3"] | None:
-        """Level weights times Fresnel coefficients, for a metal that no directional light falls on."""
-        if not isinstance(material, Metal) or self.mirrored or self.light is None or self.table is None:
+        """Level weights times Fresnel coefficients, for one specular lobe that no directional light falls on."""
+        if material.has_body or self.mirrored or self.light is None or self.table is None:
             return None
-        coefficients = self._coefficients(functools.partial(self.reflectance, material), material.roughness)
-        return (self.table.level_weights(material.roughness)[:, None, None] * coefficients).flatten(0, 1)
+        (lobe,) = self._lobes(material)
+        assert isinstance(lobe, Specular)
+        coefficients = self._coefficients(lobe.reflectance, lobe.alpha)
+        return (self.table.level_weights(lobe.alpha)[:, None, None] * coefficients).flatten(0, 1)
 
     def mixed(self, pixels: slice) -> Float[Tensor, "p q 3"]:
         """The table's light."""
         assert self.light is not None
         return self.light[:, pixels].movedim(0, 1).flatten(1, 2)
 
-    def _coefficients(self, reflectance: Reflectance, like: Tensor) -> Float[Tensor, "b c"]:
+    def _coefficients(self, reflectance: Factor, like: Tensor) -> Float[Tensor, "b c"]:
         assert self.light is not None
         return fresnel_basis.coefficients(reflectance, self.light.shape[2], like)
 
-    def _scattered_inside(self, material: Glossy) -> Float[Tensor, "p 3"]:
-        """Light from below a rough dielectric, as Mitsuba's `roughplastic` has it."""
-        eta, alpha = rough_plastic.ior(material.reflectance[0]), material.roughness
-
-        def passed(cosine: Tensor) -> Tensor:
-            return rough_plastic.transmittance(cosine, eta, alpha, self.distribution)
-
-        color = material.color * rough_plastic.outcoupling(eta, alpha, self.distribution)
-        return color * self.scattered(passed, passed)
-
-    def reflected(self, reflectance: Reflectance, alpha: Float[Tensor, ""]) -> Float[Tensor, "p 3"]:
+    def reflected(self, reflectance: Factor, alpha: Float[Tensor, ""]) -> Float[Tensor, "p 3"]:
         """Light that the microfacets mirror."""
         assert self.table is not None
         assert self.light is not None
@@ -217,7 +216,7 @@ class ExactPixels(MixedPixels):
             found = found + source.reflected(reflectance, alpha, self.distribution)
         return found
 
-    def scattered(self, towards_view: Reflectance, towards_light: Reflectance = torch.ones_like) -> Tensor:
+    def scattered(self, towards_view: Factor, towards_light: Factor = torch.ones_like) -> Tensor:
         """Light that a white body sends back, [p, 3]; see `Body.seen`."""
         assert self.body is not None
         found = self.body.seen(towards_view, towards_light)
@@ -268,10 +267,7 @@ class ViewerPixels(PixelModel):
 
     def radiance(self, material: Material) -> Float[Tensor, "p 3"]:
         """Radiance of every pixel; a metal's under the reflectance asked for."""
-        if not isinstance(material, Metal):
-            return shade(material, self.points, self.illumination)
-        f = self.reflectance(material, self.points.n_dot_v)
-        return reflection(f, material.roughness, self.points, self.illumination)
+        return shade(material, self.points, self.illumination, self.reflectance)
 
 
 def exact_pixels(

@@ -11,7 +11,7 @@ from torch import Tensor
 
 from fit_material.fitter.forward.pixel_model import PixelModel
 from fit_material.renderer.light_tables.light_table import LightTable
-from fit_material.shaders.materials.types import Glossy, Material, Matte, Metal
+from fit_material.shaders.materials.types import Glossy, Material, Matte
 
 LEAST_COLOR = 1e-3  # mean colour of places, below which a tint would only be noise
 
@@ -34,7 +34,7 @@ class TexturedPixels(PixelModel):
 
     def radiance(self, material: Material) -> Float[Tensor, "p 3"]:
         """Radiance of every pixel; a metal has no body to be tinted."""
-        if isinstance(material, Metal):
+        if material.color is None:
             return self.model.radiance(material)
         surface, body = surface_and_body(self.model, material)
         return surface + material.color * self.tint_by(surface, body) * body
@@ -98,7 +98,7 @@ class SpottedPixels(TexturedPixels):
 def surface_and_body(model: PixelModel, material: Glossy | Matte) -> tuple[Float[Tensor, "p 3"], Float[Tensor, "p 3"]]:
     """What the surface mirrors, and what a white body below it would send out."""
     white = model.radiance(replace(material, color=torch.ones_like(material.color)))
-    if isinstance(material, Matte):
+    if not material.mirrors:
         return torch.zeros_like(white), white
     surface = model.radiance(replace(material, color=torch.zeros_like(material.color)))
     return surface, white - surface

@@ -5,15 +5,18 @@ from __future__ import annotations
 import math
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import ClassVar, Generic, TypeVar
 
 import torch
 from jaxtyping import Bool, Float
 from torch import Tensor
 from torch.nn.functional import softplus
 
-from fit_material.shaders.materials.types import Glossy, Material, Matte, Metal
+from fit_material.shaders.materials.material import AbstractMaterial
+from fit_material.shaders.materials.types import Glossy, Matte, Metal
 from fit_material.shaders.optics import fresnel
+
+M = TypeVar("M", bound=AbstractMaterial)
 
 _REACH = 30.0  # 1 - tanh² = 1e-25: float64 holds two more digits
 TINT_WIDTH = 1.5  # of artanh(log n / log m); the catalogue's metals lie within ±1
@@ -48,7 +51,7 @@ class Interval:
         return value.clamp(self.low + margin, self.high - margin)
 
 
-class Coordinates(ABC):
+class Coordinates(ABC, Generic[M]):
     """A kind of material as a function of a free vector, of which what comes after its own `size` numbers is not its.
 
     Attributes:
@@ -63,12 +66,17 @@ class Coordinates(ABC):
         """Length of the free vector."""
 
     @abstractmethod
-    def material(self, x: Float[Tensor, " x"]) -> Material:
+    def material(self, x: Float[Tensor, " x"]) -> M:
         """The material of a free vector."""
 
     @abstractmethod
-    def free(self, material: Material) -> Float[Tensor, " x"]:
+    def free(self, material: M) -> Float[Tensor, " x"]:
         """The free vector of a material; quantities at the ends of their domains are moved a little inside."""
+
+    @property
+    def sees_f0_only(self) -> bool:
+        """Whether the reflectance in use is one that a metal's n and k enter through F0 alone [MODEL.md 1]."""
+        return False
 
     def elsewhere(self, x: Float[Tensor, " x"]) -> list[Float[Tensor, " x"]]:
         """Further starts, where the sum of squares may have several minima; none by default."""
@@ -84,7 +92,7 @@ MATTE_REFLECTANCE = Interval(0.0, 1.5)  # the Lambertian, 1, lies inside: at an 
 
 
 @dataclass(frozen=True)
-class MetalCoordinates(Coordinates):
+class MetalCoordinates(Coordinates[Metal]):
     """The free vector of a metal: reflectivity per channel, tint per channel, roughness.
 
         F0 = sigmoid(x₀…₂),   n = m^tanh(x₃…₅),   m = (1+√F0)/(1-√F0),   roughness from x₆
@@ -105,6 +113,10 @@ class MetalCoordinates(Coordinates):
     def size(self) -> int:
         return 7 if self.tint is None else 4
 
+    @property
+    def sees_f0_only(self) -> bool:
+        return self.tint is not None
+
     def material(self, x: Float[Tensor, " x"]) -> Metal:
         """The metal of a free vector.
 
@@ -119,8 +131,7 @@ class MetalCoordinates(Coordinates):
         k = n * (torch.expm1(above) * -torch.expm1(-below)).sqrt()
         return Metal(n, k, self.roughness.value(x[self.size - 1]))
 
-    def free(self, material: Material) -> Float[Tensor, " x"]:
-        assert isinstance(material, Metal)
+    def free(self, material: Metal) -> Float[Tensor, " x"]:
         roughness = self.roughness.free(self.roughness.inside(material.roughness))[None]
         parts = [_reflectivity_of(material.n, material.k), tint_of(material.n, material.k), roughness]
         return torch.cat(parts if self.tint is None else parts[::2])
@@ -141,7 +152,7 @@ class MetalCoordinates(Coordinates):
 
 
 @dataclass(frozen=True)
-class GlossyCoordinates(Coordinates):
+class GlossyCoordinates(Coordinates[Glossy]):
     """The free vector of a glossy material: colour per channel, reflectance, roughness, each inside its interval.
 
     Attributes:
@@ -163,15 +174,14 @@ class GlossyCoordinates(Coordinates):
         reflectance = self.reflectance.value(x[3 : self.size - 1]).expand(3)
         return Glossy(UNIT.value(x[:3]), reflectance, self.roughness.value(x[self.size - 1]))
 
-    def free(self, material: Material) -> Float[Tensor, " x"]:
-        assert isinstance(material, Glossy)
+    def free(self, material: Glossy) -> Float[Tensor, " x"]:
         color = UNIT.free(UNIT.inside(material.color))
         reflectance = self.reflectance.free(self.reflectance.inside(material.reflectance[: self.channels]))
         return torch.cat([color, reflectance, self.roughness.free(self.roughness.inside(material.roughness))[None]])
 
 
 @dataclass(frozen=True)
-class MatteCoordinates(Coordinates):
+class MatteCoordinates(Coordinates[Matte]):
     """The free vector of a matte material: colour per channel, and reflectance for all of them or for each.
 
     A reflectance above 1, which no material has, is for the fit alone: a surface that darkens towards grazing angles.
@@ -194,8 +204,7 @@ class MatteCoordinates(Coordinates):
         x = x.clamp(-_REACH, _REACH)
         return Matte(UNIT.value(x[:3]), MATTE_REFLECTANCE.value(x[3 : self.size]).expand(3))
 
-    def free(self, material: Material) -> Float[Tensor, " x"]:
-        assert isinstance(material, Matte)
+    def free(self, material: Matte) -> Float[Tensor, " x"]:
         color, reflectance = UNIT.inside(material.color), MATTE_REFLECTANCE.inside(material.reflectance)
         return torch.cat([UNIT.free(color), MATTE_REFLECTANCE.free(reflectance[: self.channels])])
 

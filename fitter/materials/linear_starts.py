@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 
 import torch
 from jaxtyping import Float
@@ -10,7 +10,7 @@ from torch import Tensor
 
 from fit_material.fitter.forward.pixel_model import PixelModel
 from fit_material.renderer.light_tables import light_table
-from fit_material.shaders.materials.types import Glossy, Material, Matte, Metal
+from fit_material.shaders.materials.types import Glossy, Material, Matte, Metal, made_of, material_type
 from fit_material.shaders.optics import fresnel
 
 PLASTIC = 0.04  # the reflectance of most dielectrics, of index 1.5
@@ -57,14 +57,15 @@ def matte(model: PixelModel, photograph: Float[Tensor, "p 3"], weight: Float[Ten
 
 def middling(kind: str, model: PixelModel) -> Material:
     """A material that reflects about half of the light; of what roughness, the median over pixels hardly asks."""
-    half = torch.full((3,), 0.5).double()
-    if kind == "matte":
-        return Matte(half, torch.ones(3).double())
-    roughness = _levels(model)[len(_levels(model)) // 2]
-    if kind == "glossy":
-        return Glossy(half, torch.full((3,), PLASTIC).double(), roughness)
-    one = torch.ones(3).double()
-    return Metal(one, fresnel.extinction(half, one), roughness)
+    half, one = torch.full((3,), 0.5).double(), torch.ones(3).double()
+    quantities: Mapping[str, Callable[[], Tensor]] = {
+        "n": lambda: one,
+        "k": lambda: fresnel.extinction(half, one),
+        "color": lambda: half,
+        "reflectance": lambda: torch.full((3,), PLASTIC).double() if material_type(kind).mirrors else one,
+        "roughness": lambda: _levels(model)[len(_levels(model)) // 2],
+    }
+    return made_of(kind, lambda name: quantities[name]())
 
 
 STARTS: dict[str, Start] = {"metal": metal, "glossy": glossy, "matte": matte}

@@ -12,7 +12,7 @@ from fit_material.fitter.observations.scene_data import Loaded
 from fit_material.fitter.result.schema import FittedMaterial, InputFile, Result, read_result
 from fit_material.renderer.errors.input_error import InputError
 from fit_material.shaders.materials.quantities import MaterialType
-from fit_material.shaders.materials.types import Glossy, Material, Matte, Metal
+from fit_material.shaders.materials.types import Material, made_of
 
 NUMBERS: Mapping[MaterialType, tuple[str, ...]] = {
     "metal": ("n", "k", "alpha"),
@@ -79,10 +79,6 @@ def material_of(fitted: FittedMaterial) -> Material:
     """What was found, as the shading model has it, float64; alpha is its roughness."""
 
     def number(key: str) -> Tensor:
-        return torch.tensor(getattr(fitted, key), dtype=torch.float64)
+        return torch.tensor(getattr(fitted, "alpha" if key == "roughness" else key), dtype=torch.float64)
 
-    if fitted.type == "metal":
-        return Metal(number("n"), number("k"), number("alpha"))
-    if fitted.type == "glossy":
-        return Glossy(number("color"), number("reflectance"), number("alpha"))
-    return Matte(number("color"), number("reflectance"))
+    return made_of(fitted.type, number)

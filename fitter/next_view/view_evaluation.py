@@ -145,8 +145,8 @@ class Observer:
         if not len(surface.hit):
             return lambda x: x.new_zeros(0, 3)
         material = coordinates.material(x)
-        model = self.setting.pixels(surface, body=material.type != "metal")
-        if material.type != "matte":
+        model = self.setting.pixels(surface, body=material.has_body)
+        if material.roughness is not None:
             alpha = float(material.roughness)
 
             def report(share: float) -> None:

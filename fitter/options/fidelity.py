@@ -74,10 +74,9 @@ class Fidelity:
 
     def reflectance_of(self, kind: str) -> str:
         """The formula of the reflectance of one type of material."""
-        if kind == "metal":
-            return self.reflectance
-        exact = kind == "glossy" and self.reflectance == "conductor" and not self.blurs
-        return "dielectric" if exact else "schlick"
+        from fit_material.shaders.materials.types import material_type
+
+        return material_type(kind).reflectance_formula(self.reflectance, microfacets=not self.blurs)
 
 
 PRESETS = {

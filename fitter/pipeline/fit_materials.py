@@ -8,7 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from fit_material.fitter.effects.interreflection import polish_scene, polished
+from fit_material.fitter.effects.interreflection import is_traced, polish_scene, polished
 from fit_material.fitter.estimation.background_calibration import nuisances_of
 from fit_material.fitter.estimation.model_selection import Choice, fit_type
 from fit_material.fitter.estimation.problem import Problem
@@ -34,7 +34,6 @@ from fit_material.fitter.uncertainty.active_bound import reported
 from fit_material.fitter.uncertainty.tolerance import FIRST_PIXELS, ascend
 from fit_material.renderer.rays.gbuffer import Tracer
 from fit_material.shaders.materials.quantities import MaterialType
-from fit_material.shaders.materials.types import Glossy
 
 if TYPE_CHECKING:
     pass
@@ -127,7 +126,7 @@ def polished_parts(
     found = {part.index: part.choice.fit.material for part in parts}
 
     def again(part: FittedPart) -> FittedPart:
-        if found[part.index].type != "metal":
+        if not is_traced(found[part.index].type):
             return replace(
                 part, told=f"{part.told} Mitsuba's paths are traced for metals alone, and left it as it was."
             )
@@ -159,10 +158,10 @@ def _part(index: int, name: str, observed: Observations, choice: Choice, setting
     coordinates = fit.residuals.coordinates
     nearest = nearest_metals(fit.x, coordinates, uncertainty) if isinstance(coordinates, MetalCoordinates) else ()
     rho = None
-    if not setting.fidelity.blurs and fit.material.type != "matte":
+    if not setting.fidelity.blurs and fit.material.roughness is not None:
         model = fit.residuals.model
         tint = None
-        if isinstance(model, SpottedPixels) and isinstance(fit.material, Glossy):
+        if isinstance(model, SpottedPixels) and fit.material.color is not None:
             tint = model.tint(fit.material)
         rho = viewer_roughness(observed.measured, setting.viewers, fit.material, tint)
     borrowed = borrow(fit, uncertainty, prior)

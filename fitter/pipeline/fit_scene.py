@@ -217,7 +217,7 @@ def _warnings(
 def _curve(part: FittedPart) -> Curve | None:
     """The reflectance curve of what mirrors."""
     fit = part.choice.fit
-    if fit.material.type == "matte":
+    if not fit.material.mirrors:
         return None
     reflectance = REFLECTANCES[part.setting.fidelity.reflectance]
     return reflectance_curve(reflectance, fit.residuals.coordinates, fit.x, part.spread)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from fit_material.fitter.effects.plan import require_choosable
+from fit_material.fitter.effects.plan_rules import SCATTERS
 from fit_material.fitter.options.fit_options import FitOptions
 from fit_material.renderer.errors.input_error import InputError
 
@@ -22,7 +23,7 @@ def require_consistent(options: FitOptions) -> None:
                 "a fidelity of microfacets, such as --fidelity standard: the viewer's model is not linear in colour"
             )
             raise InputError("--maps", value=f"color, --lobe {options.fidelity.lobe}", expected=expected)
-        if options.type == "metal":
+        if options.type != "auto" and options.type not in SCATTERS:
             raise InputError("--maps", value="color, --type metal", expected="--type glossy, matte or auto beside it")
         if "color-map" in options.unwanted:
             raise InputError("--maps", value="color, --without color-map", expected="one of the two, not both")

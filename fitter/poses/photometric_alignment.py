@@ -192,7 +192,7 @@ def slopes(
         material: what they are made of.
     """
     other = replace(setting, seed=setting.seed + 1)
-    angle = WIDEST if material.type == "matte" else min(max(BY_ALPHA * float(material.roughness), NARROWEST), WIDEST)
+    angle = WIDEST if material.roughness is None else min(max(BY_ALPHA * float(material.roughness), NARROWEST), WIDEST)
     ways = torch.stack([pose.ways(angle) for pose in poses])
     columns = []
     for index in range(6):

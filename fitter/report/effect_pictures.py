@@ -14,7 +14,7 @@ from fit_material.fitter.observations.album import Thumbnail
 from fit_material.fitter.report.image_quality import ViewPictures
 from fit_material.renderer.rays.gbuffer import GBuffer, Tracer
 from fit_material.renderer.rays.picture import Picture, draw
-from fit_material.shaders.materials.types import Glossy, Material, Matte, Metal
+from fit_material.shaders.materials.types import Glossy, Material, Matte
 
 SIDE = 96  # pixels along a strip's pictures at most
 SAMPLES = 128
@@ -53,10 +53,10 @@ def _radiance(planned: PlannedFit, part: FittedPart, surface: GBuffer, without: 
     def drawn(made: Material = material, setting: Setting = part.setting) -> Float[Tensor, "p 3"]:
         return setting.simulating(setting.effects - {without or ""}).radiance(made, surface, SAMPLES)
 
-    if without == "diffuse-irradiance" and not isinstance(material, Metal):
-        return drawn(_bodiless(material)) if isinstance(material, Glossy) else 0 * drawn()
-    if without == "reflection" and not isinstance(material, Matte):
-        return drawn() - drawn(_bodiless(material)) if isinstance(material, Glossy) else 0 * drawn()
+    if without == "diffuse-irradiance" and material.color is not None:
+        return drawn(_bodiless(material)) if material.mirrors else 0 * drawn()
+    if without == "reflection" and material.mirrors:
+        return 0 * drawn() if material.color is None else drawn() - drawn(_bodiless(material))
     if part.polish is None:
         return drawn()
     if without not in ("self-visibility", "interreflection"):
@@ -70,6 +70,6 @@ def _radiance(planned: PlannedFit, part: FittedPart, surface: GBuffer, without: 
     return drawn() + part.polish.picture(surface) + hidden
 
 
-def _bodiless(material: Glossy) -> Glossy:
+def _bodiless(material: Glossy | Matte) -> Material:
     """The material's surface over a black body."""
     return replace(material, color=0 * material.color)

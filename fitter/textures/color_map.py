@@ -29,8 +29,7 @@ from fit_material.renderer.images.image_file import png
 from fit_material.renderer.images.textures import Texture, lookup
 from fit_material.renderer.rays.gbuffer import Tracer
 from fit_material.renderer.rays.uv_atlas import Unwrapped, filled, overlap, unwrapped
-from fit_material.shaders.albedo import albedo
-from fit_material.shaders.materials.types import Glossy, Matte
+from fit_material.shaders.materials.types import Glossy, Matte, material_type
 
 SMALLEST, LARGEST = 16, 4096  # texels along a side
 ROUNDS = 3  # of light that the object sends itself, and of the texture in it: each errs by a tenth of the last
@@ -67,7 +66,7 @@ def _with_color_map(
     progress: Progress,
 ) -> FittedPart:
     """The part with its texture, in the light that parts with theirs and without send it."""
-    if part.material.type == "metal":
+    if not material_type(part.material.type).has_body:
         return replace(part, told=f"{part.told} Metals have no body to be coloured, and no colour map.")
     assert isinstance(loaded.shape, Mesh)
     progress("colour map", 0)
@@ -123,7 +122,7 @@ def _tint(part: FittedPart, made: ColorMap) -> Texture:
 def _body(part: FittedPart) -> Glossy | Matte:
     """The material fitted, which has a body."""
     material = part.choice.fit.material
-    assert isinstance(material, Glossy | Matte)
+    assert material.color is not None
     return material
 
 
@@ -138,7 +137,7 @@ def _albedo(part: FittedPart, parts: Sequence[FittedPart]) -> Albedo:
             if each.color_map is not None:
                 color = lookup(Texture(torch.from_numpy(each.color_map.color)), met.uv[own]).double()
                 material = replace(_body(each), color=color)
-            found[own] = albedo(material, each.setting.fidelity.distribution)
+            found[own] = material.albedo(each.setting.fidelity.distribution)
             fitted |= own
         if not fitted.all() and fitted.any():
             found[~fitted] = found[fitted].mean(0)

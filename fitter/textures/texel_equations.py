@@ -28,7 +28,7 @@ from fit_material.renderer.rays.gbuffer import GBuffer, Tracer
 from fit_material.renderer.rays.occlusion import Occluder
 from fit_material.renderer.rays.self_visibility import rough_reflections
 from fit_material.shaders.materials.fresnel_models import exact_reflectance
-from fit_material.shaders.materials.types import Glossy, Matte
+from fit_material.shaders.materials.types import Glossy
 from fit_material.shaders.optics import microfacets
 
 SIDE = 3  # rays along each side of a pixel
@@ -192,7 +192,7 @@ def _some(mask: Bool[Tensor, "h w"]) -> Iterator[tuple[Tensor, Tensor]]:
 def _lit(about: _About, surface: GBuffer, seen: Float[Tensor, "p 3"]) -> Rows:
     part, found = about.part, about.found
     material, setting = part.choice.fit.material, part.setting
-    assert isinstance(material, Glossy | Matte)
+    assert material.color is not None
     known = {"ambient-occlusion"} if found is not None else set()
     unhidden = setting.simulating(setting.effects - known)
     model = unhidden.pixels(surface, body=True, shown=True)
@@ -204,7 +204,7 @@ def _lit(about: _About, surface: GBuffer, seen: Float[Tensor, "p 3"]) -> Rows:
     centre = surface[:, SIDE**2 // 2]
     mixing = None if found is None else found.places.mixing(centre)
     itself, sees = None, "self-visibility" in setting.effects  # else what it hides is still among the mirrored
-    if isinstance(material, Glossy) and sees and found is not None and found.transfer is not None:
+    if material.roughness is not None and sees and found is not None and found.transfer is not None:
         itself = _itself(material, setting, centre, Looking(about.trace, _occluder(setting), found.places), about.rays)
     return Rows(surface.uv.float(), _texture_area(surface), seen, mirrored, far, sources, even, mixing, itself)
 

@@ -17,11 +17,11 @@ from fit_material.fitter.estimation.coarse_to_fine import Fit
 from fit_material.fitter.least_squares.covariance import Spread, spread
 from fit_material.fitter.least_squares.solvers import levenberg_marquardt
 from fit_material.fitter.materials.coordinates import Coordinates, MatteCoordinates
-from fit_material.shaders.materials.types import Material, Matte
+from fit_material.shaders.materials.types import Matte
 
 
 @dataclass(frozen=True)
-class LambertianCoordinates(Coordinates):
+class LambertianCoordinates(Coordinates[Matte]):
     """The free vector of a matte material without the reflectances that are held at 1.
 
     Attributes:
@@ -40,7 +40,7 @@ class LambertianCoordinates(Coordinates):
     def material(self, x: Float[Tensor, " x"]) -> Matte:
         return self.whole.material(self.completed(x))
 
-    def free(self, material: Material) -> Float[Tensor, " x"]:
+    def free(self, material: Matte) -> Float[Tensor, " x"]:
         return self.without(self.whole.free(material))
 
     def completed(self, x: Float[Tensor, " x"]) -> Float[Tensor, " whole"]:

@@ -24,10 +24,10 @@ def correlation(fit: Fit, spread: Spread, found: Mapping[str, Sequence[Measured]
     Returns:
         None where fewer than two have.
     """
-    coordinates, kind = fit.residuals.coordinates, fit.material.type
+    coordinates, material = fit.residuals.coordinates, fit.material
     names, gradients = [], []
-    for key, of_material in QUANTITIES[kind].items():
-        if kind == "glossy" and key == "f0":  # its reflectance by another name
+    for key, of_material in QUANTITIES[material.type].items():
+        if key in material.same_as:
             continue
         gradient = jacobian(lambda x, of=of_material: of(coordinates.material(x)), fit.x)
         numbers = found[parameter_of(fit, key)]

@@ -16,7 +16,7 @@ from fit_material.fitter.least_squares.covariance import TWO_SIDED_95, Spread, s
 from fit_material.fitter.options.fidelity import BLUR_RANGE, MICROFACET_RANGE
 from fit_material.fitter.result.schema import CHANNELS
 from fit_material.fitter.uncertainty.profile_likelihood import intervals
-from fit_material.shaders.materials.types import Metal
+from fit_material.shaders.materials.types import material_type
 from fit_material.shaders.optics import fresnel
 
 RESOLVED = 1e-12  # of a value: float64 says nothing of smaller errors; a free number far beyond its domain has such
@@ -122,7 +122,8 @@ def _domains(fit: Fit, key: str) -> list[tuple[float, float]]:
     material, model = fit.material, fit.residuals.model
     if key == "roughness":
         return [BLUR_RANGE if isinstance(model, ViewerPixels) else MICROFACET_RANGE]
-    if key in ("n", "k") and isinstance(material, Metal):
+    if key in ("n", "k"):
+        assert material.f0 is not None
         limits = fresnel.index_limit(material.f0).tolist()
         return [(1 / limit, limit) if key == "n" else (0.0, (limit - 1 / limit) / 2) for limit in limits]
     return [(0.0, 1.0)] * 3
@@ -154,4 +155,4 @@ def of_viewer(rho: ViewerRoughness) -> Measured:
 
 def rule(kind: str, key: str) -> str:
     """By which parameter's rule a number counts as determined: 0.02 says much of a metal's F0, and nothing of 0.04."""
-    return "reflectance" if (kind, key) == ("glossy", "f0") else key
+    return material_type(kind).same_as.get(key, key)

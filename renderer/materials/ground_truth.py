@@ -40,12 +40,16 @@ class TrueMetal:
     metal: str = ""
     source: str = ""
 
-    type: ClassVar = "metal"
+    type: ClassVar[Literal["metal"]] = "metal"
+    mirrors: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
         require("--n", self.n, all(0 < v < math.inf for v in self.n), "three finite numbers > 0")
         require("--k", self.k, all(0 <= v < math.inf for v in self.k), "three finite numbers >= 0")
         _require_finish(self)
+
+    def require_mitsubas(self) -> None:
+        """Mitsuba has all metals."""
 
 
 @dataclass(frozen=True)
@@ -67,11 +71,26 @@ class TrueGlossy:
     roughness: float | None = None
     distribution: Distribution = "ggx"
 
-    type: ClassVar = "glossy"
+    type: ClassVar[Literal["glossy"]] = "glossy"
+    mirrors: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
         _require_shares(self)
         _require_finish(self)
+
+    def require_mitsubas(self) -> None:
+        """Raises InputError where Mitsuba has no such surface."""
+        found, option = self.reflectance, "--reflectance"
+        same = len(set(found)) == 1
+        require(option, found, same, "three equal numbers: Mitsuba's plastic has one index; --model viewer has three")
+        inside = LEAST_REFLECTANCE <= found[0] <= MOST_REFLECTANCE
+        expected = f"{LEAST_REFLECTANCE:g} to {MOST_REFLECTANCE:g}, of which Mitsuba makes an index"
+        require(option, found, inside, expected)
+        # Mitsuba's `plastic` takes its inner reflectance from a polynomial: by it a white body gives back 1.03 of what
+        # it receives at F0 = 0.17 (diamond), 1.04 at 0.18, 1.07 at 0.2, and less than nothing at 0.35
+        inside = self.alpha != 0 or found[0] <= MOST_SMOOTH_REFLECTANCE
+        expected = f"at most {MOST_SMOOTH_REFLECTANCE} beside --alpha 0: Mitsuba's plastic errs above"
+        require(option, found, inside, expected)
 
 
 @dataclass(frozen=True)
@@ -81,6 +100,7 @@ class TrueMatte:
     Attributes:
         color: in [0, 1].
         reflectance: how much of it is seen from the front, in [0, 1]; Mitsuba's have 1, which is Lambertian.
+        alpha, roughness, distribution: none.
 
     Raises:
         InputError: as a `TrueMetal`.
@@ -89,10 +109,19 @@ class TrueMatte:
     color: Channels
     reflectance: Channels = (1.0, 1.0, 1.0)
 
-    type: ClassVar = "matte"
+    type: ClassVar[Literal["matte"]] = "matte"
+    mirrors: ClassVar[bool] = False
+    alpha: ClassVar[None] = None
+    roughness: ClassVar[None] = None
+    distribution: ClassVar[None] = None
 
     def __post_init__(self) -> None:
         _require_shares(self)
+
+    def require_mitsubas(self) -> None:
+        """Raises InputError where Mitsuba has no such body."""
+        expected = "none: Mitsuba's matte is Lambertian; --model viewer has others"
+        require("--reflectance", self.reflectance, set(self.reflectance) == {1.0}, expected)
 
 
 TrueMaterial = TrueMetal | TrueGlossy | TrueMatte
@@ -110,33 +139,18 @@ def require_shadable(material: TrueMaterial, model: ShadingModel) -> None:
     Raises:
         InputError: it has not; names the command-line option.
     """
-    if not isinstance(material, TrueMatte):
+    if material.mirrors:
         wanted, other = ("alpha", "roughness") if model == "mitsuba" else ("roughness", "alpha")
         _require_one(material, wanted, other, model)
-    if model == "mitsuba" and not isinstance(material, TrueMetal):
-        _require_mitsubas_reflectance(material)
+    if model == "mitsuba":
+        material.require_mitsubas()
 
 
-def _require_one(material: TrueMetal | TrueGlossy, wanted: str, other: str, model: str) -> None:
+def _require_one(material: TrueMaterial, wanted: str, other: str, model: str) -> None:
     surplus = getattr(material, other)
     require(f"--{other}", surplus, surplus is None, f"--{wanted}, which is what --model {model} shades with")
     missing = getattr(material, wanted) is None
     require(f"--{wanted}", "", not missing, f"a number here: a {material.type} surface of --model {model} has one")
-
-
-def _require_mitsubas_reflectance(material: TrueGlossy | TrueMatte) -> None:
-    found, option = material.reflectance, "--reflectance"
-    if isinstance(material, TrueMatte):
-        require(option, found, set(found) == {1.0}, "none: Mitsuba's matte is Lambertian; --model viewer has others")
-        return
-    same = len(set(found)) == 1
-    require(option, found, same, "three equal numbers: Mitsuba's plastic has one index; --model viewer has three")
-    inside = LEAST_REFLECTANCE <= found[0] <= MOST_REFLECTANCE
-    require(option, found, inside, f"{LEAST_REFLECTANCE:g} to {MOST_REFLECTANCE:g}, of which Mitsuba makes an index")
-    # Mitsuba's `plastic` takes its inner reflectance from a polynomial: by it a white body gives back 1.03 of what
-    # it receives at F0 = 0.17 (diamond), 1.04 at 0.18, 1.07 at 0.2, and less than nothing at 0.35
-    inside = material.alpha != 0 or found[0] <= MOST_SMOOTH_REFLECTANCE
-    require(option, found, inside, f"at most {MOST_SMOOTH_REFLECTANCE} beside --alpha 0: Mitsuba's plastic errs above")
 
 
 def _require_shares(material: TrueGlossy | TrueMatte) -> None:

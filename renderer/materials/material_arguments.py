@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from types import MappingProxyType
 from typing import Any, Literal
@@ -68,13 +68,32 @@ def true_material(
     for key, value in given.items():
         belonging = ", ".join(_KEYS[kind])
         require(f"--{key}", value, key in _KEYS[kind], f"no {key} for a {kind} material, which has {belonging}")
-    if kind == "metal":
-        return TrueMetal(**_indices(given), alpha=alpha, roughness=roughness, distribution=distribution)
-    for key in ("color", "reflectance")[: 2 if kind == "glossy" else 1]:
-        require(f"--{key}", "", key in given, f"three numbers here: a {kind} material has a {key}")
-    if kind == "glossy":
-        return TrueGlossy(**given, distribution=distribution)
+    return _MAKERS[kind](given, distribution)
+
+
+def _metal(given: Mapping[str, Any], distribution: Distribution) -> TrueMetal:
+    finish: dict[str, Any] = {"alpha": given.get("alpha"), "roughness": given.get("roughness")}
+    return TrueMetal(**_indices(given), **finish, distribution=distribution)
+
+
+def _glossy(given: Mapping[str, Any], distribution: Distribution) -> TrueGlossy:
+    _require_given(given, "glossy", "color", "reflectance")
+    return TrueGlossy(**given, distribution=distribution)
+
+
+def _matte(given: Mapping[str, Any], distribution: Distribution) -> TrueMatte:
+    _require_given(given, "matte", "color")
     return TrueMatte(**given)
+
+
+_MAKERS: Mapping[str, Callable[[Mapping[str, Any], Distribution], TrueMaterial]] = MappingProxyType(
+    {"metal": _metal, "glossy": _glossy, "matte": _matte}
+)
+
+
+def _require_given(given: Mapping[str, Any], kind: str, *keys: str) -> None:
+    for key in keys:
+        require(f"--{key}", "", key in given, f"three numbers here: a {kind} material has a {key}")
 
 
 def _type_of(given: Mapping[str, Any]) -> str:
@@ -87,7 +106,7 @@ def _type_of(given: Mapping[str, Any]) -> str:
 def _indices(given: Mapping[str, Any]) -> dict[str, Any]:
     """n, k and where they come from."""
     found = [key for key in ("metal", "n", "k") if key in given]
-    if found == ["metal"]:
+    if "n" not in given and "k" not in given and found:
         known = known_metal(given["metal"])
         return {"n": known.n, "k": known.k, "metal": known.name, "source": known.source}
     told = " and ".join(found) or "without a metal"
@@ -104,6 +123,6 @@ def shading_model(asked: ShadingModel | None, *materials: TrueMaterial) -> Shadi
 
 def with_default_alpha(material: TrueMaterial, model: ShadingModel) -> TrueMaterial:
     """The material, with a width where Mitsuba's needs one and none was said."""
-    if model != "mitsuba" or isinstance(material, TrueMatte) or material.alpha is not None:
+    if model != "mitsuba" or not material.mirrors or material.alpha is not None:
         return material
     return replace(material, alpha=DEFAULT_ALPHA)

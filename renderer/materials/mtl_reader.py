@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
@@ -16,11 +16,12 @@ from fit_material.renderer.files.regular_files import require_file
 from fit_material.renderer.materials.mtl_maps import ORDINARY_KEYS, THESIS_KEYS, Keys, MapReader
 from fit_material.renderer.materials.mtl_syntax import Block, Triple, read_blocks
 from fit_material.renderer.materials.textured_material import Appearance
-from fit_material.shaders.materials.types import TYPE_CODES, Glossy, Material, Matte, Metal
+from fit_material.shaders.materials.types import TYPE_CODES, Glossy, Material, Matte, Metal, made_of, material_type
 from fit_material.shaders.optics import fresnel
 
 Dialect = Literal["auto", "thesis", "ordinary"]
 
+DEFAULT_TYPE = Matte.type  # of a code that is missing or unknown
 DEFAULT_COLOR = 0.6  # what Assimp, and so the thesis's viewer, takes for a missing Kd
 ROUGHNESS_OF_ALPHA = 2 * math.sqrt(2)  # ρ ≈ 2√2·alpha [MODEL.md 6]
 
@@ -112,7 +113,7 @@ def _ordinary_appearance(block: Block, reader: MapReader) -> Appearance:
 def _mapped(block: Block, material: Material, keys: Keys, reader: MapReader) -> Appearance:
     """The material with its maps, of which a metal uses no colour."""
     maps = reader.maps(block, keys)
-    if maps.color is not None and isinstance(material, Metal):
+    if maps.color is not None and not material.has_body:
         reader.remarks.append(block.remark("map_Kd", "not drawn, for a metal has no colour"))
         maps = replace(maps, color=None)
     return Appearance(material, maps)
@@ -134,15 +135,16 @@ def _is_thesis_block(block: Block, codes: Mapping[str, int]) -> bool:
 
 def _thesis_material(block: Block, types: Mapping[float, str]) -> Material:
     code = block.number("Ns")
-    kind = types.get(code, "matte") if code is not None else "matte"
-    if kind == "metal":
-        n = _ranged(block, "Kd", "the metal's n", _TINY, LARGEST)
-        return Metal(n, _ranged(block, "Ka", "the metal's k", 0, LARGEST), _roughness(block))
-    if kind == "glossy":
-        color = _ranged(block, "Kd", "the color", 0, 1)
-        return Glossy(color, _ranged(block, "Ka", "the reflectance", 0, 1), _roughness(block))
-    color = _ranged(block, "Kd", "the color", 0, 1, default=DEFAULT_COLOR)
-    return Matte(color, _ranged(block, "Ka", "the reflectance", 0, 1, default=1.0))
+    kind = types.get(code, DEFAULT_TYPE) if code is not None else DEFAULT_TYPE
+    color, reflectance = (None, None) if material_type(kind).mirrors else (DEFAULT_COLOR, 1.0)
+    quantities: Mapping[str, Callable[[], Tensor]] = {
+        "n": lambda: _ranged(block, "Kd", "the metal's n", _TINY, LARGEST),
+        "k": lambda: _ranged(block, "Ka", "the metal's k", 0, LARGEST),
+        "color": lambda: _ranged(block, "Kd", "the color", 0, 1, default=color),
+        "reflectance": lambda: _ranged(block, "Ka", "the reflectance", 0, 1, default=reflectance),
+        "roughness": lambda: _roughness(block),
+    }
+    return made_of(kind, lambda name: quantities[name]())
 
 
 def _roughness(block: Block) -> Float[Tensor, ""]:

@@ -6,7 +6,8 @@ is of the variant that is current then. Nothing made under one variant can be us
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -17,8 +18,9 @@ from fit_material.renderer.cameras.camera import Camera
 from fit_material.renderer.environment.environment import Environment
 from fit_material.renderer.errors.input_error import InputError
 from fit_material.renderer.geometry.mesh import Mesh, Shape, Sphere
-from fit_material.renderer.materials.ground_truth import Channels, Distribution, TrueGlossy, TrueMaterial, TrueMetal
+from fit_material.renderer.materials.ground_truth import Channels, Distribution, TrueMaterial
 from fit_material.shaders.lights import DirectionalLight
+from fit_material.shaders.materials.quantities import MaterialType
 from fit_material.shaders.optics.fresnel import index_limit
 
 Bsdf = dict[str, Any]
@@ -63,11 +65,19 @@ def variant_here(variant: str = AUTO) -> str:
 
 def bsdf_of(material: TrueMaterial) -> Bsdf:
     """A material that Mitsuba can show; see `renderer.materials.ground_truth.require_shadable`."""
-    if isinstance(material, TrueMetal):
-        return conductor(material.n, material.k, material.alpha or 0.0, material.distribution)
-    if isinstance(material, TrueGlossy):
-        return plastic(material.color, material.reflectance[0], material.alpha or 0.0, material.distribution)
-    return diffuse(material.color)
+    return bsdf(material.type, lambda name: getattr(material, name), material.alpha or 0.0, material.distribution)
+
+
+def bsdf(
+    kind: MaterialType, quantity: Callable[[str], Channels], alpha: float, distribution: Distribution | None
+) -> Bsdf:
+    """A material of that type.
+
+    Args:
+        quantity: its n, k, color and reflectance by these names, as far as it has them.
+        alpha, distribution: as `conductor`'s; nothing to a material that mirrors nothing.
+    """
+    return _BSDFS[kind](quantity, (alpha, distribution or "ggx"))
 
 
 def conductor(n: Channels, k: Channels, alpha: float, distribution: Distribution = "ggx") -> Bsdf:
@@ -102,6 +112,17 @@ def plastic(color: Channels, reflectance: float, alpha: float, distribution: Dis
 def diffuse(color: Channels) -> Bsdf:
     """A Lambertian surface of that albedo, in [0, 1], as Mitsuba's `diffuse`."""
     return {"type": "diffuse", "reflectance": _rgb(color)}
+
+
+_BSDFS: Mapping[MaterialType, Callable[[Callable[[str], Channels], tuple[float, Distribution]], Bsdf]] = (
+    MappingProxyType(
+        {
+            "metal": lambda quantity, facets: conductor(quantity("n"), quantity("k"), *facets),
+            "glossy": lambda quantity, facets: plastic(quantity("color"), quantity("reflectance")[0], *facets),
+            "matte": lambda quantity, facets: diffuse(quantity("color")),
+        }
+    )
+)
 
 
 def _rgb(value: Sequence[float]) -> dict[str, Any]:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from fit_material.renderer.viewer_model.model import Appearance
-from fit_material.shaders.materials.types import Matte
 from fit_material.shaders.optics.microfacets import MIRROR
 
 Definitions = frozenset[tuple[str, int]]
@@ -24,13 +23,12 @@ def definitions(
         exact: rays meet triangles in double precision.
     """
     material, maps = appearance.material, appearance.maps
-    reflective = not isinstance(material, Matte)
     wanted = {
         material.type.upper(): 1,
         "LIGHTS": lights,
-        "BLUR": int(reflective and float(material.roughness) > MIRROR),
-        "NEIGHBOURS": int(reflective and neighbours),
-        "COLOR_MAP": int(material.type != "metal" and uv and maps.color is not None),
+        "BLUR": int(material.roughness is not None and float(material.roughness) > MIRROR),
+        "NEIGHBOURS": int(material.mirrors and neighbours),
+        "COLOR_MAP": int(material.has_body and uv and maps.color is not None),
         "NORMAL_MAP": int(uv and tangents and maps.normal is not None),
         "AMBIENT_OCCLUSION": int(uv and maps.ambient_occlusion is not None),
         "DEPTH": int(depth),

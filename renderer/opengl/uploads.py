@@ -52,7 +52,7 @@ def map_textures(context: moderngl.Context, maps: Maps) -> dict[str, moderngl.Te
 def material_uniforms(appearance: Appearance) -> dict[str, Any]:
     """A material's numbers under their own names."""
     material = appearance.material
-    return {name: getattr(material, name).detach().numpy() for name in _PARAMETERS if hasattr(material, name)}
+    return {name: vars(material)[name].detach().numpy() for name in _PARAMETERS if name in vars(material)}
 
 
 def light_uniforms(surroundings: Surroundings) -> dict[str, Any]:

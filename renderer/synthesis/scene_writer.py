@@ -8,16 +8,14 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-import torch
-
 from fit_material.renderer.errors.input_error import InputError
 from fit_material.renderer.files.atomic import require_names
 from fit_material.renderer.files.replaceable import Replaceable, contents, json_with, unchanged
 from fit_material.renderer.files.unfinished import sweep
-from fit_material.renderer.materials.ground_truth import TrueMaterial, TrueMatte, TrueMetal
+from fit_material.renderer.materials.ground_truth import TrueMaterial
 from fit_material.renderer.scene.scene_file import LightSpec
 from fit_material.renderer.synthesis.camera_placement import View
-from fit_material.shaders.optics.fresnel import normal_reflectance
+from fit_material.renderer.synthesis.viewer_photographer import thesis_material
 
 TRUTH, SCENE, MAP = "truth.json", "scene.toml", "environment.exr"
 KNOWN = f"one that the {TRUTH} there lists and nobody has changed"
@@ -127,21 +125,14 @@ def _quoted(text: str) -> str:
 
 def material_entry(name: str, material: TrueMaterial) -> dict[str, Any]:
     """A material by the names of result.json, None where it has none."""
+    f0 = thesis_material(material).f0
     numbers = ("n", "k", "alpha", "roughness", "color", "reflectance")
     return {
         "name": name,
         "type": material.type,
         **{key: getattr(material, key, None) for key in numbers},
-        "f0": _normal_reflectance(material),
-        "distribution": material.distribution if not isinstance(material, TrueMatte) and material.alpha else None,
+        "f0": None if f0 is None else f0.tolist(),
+        "distribution": material.distribution if material.alpha else None,
         "metal": getattr(material, "metal", None) or None,
         "source": getattr(material, "source", None) or None,
     }
-
-
-def _normal_reflectance(material: TrueMaterial) -> Sequence[float] | None:
-    """F0 of what the surface mirrors."""
-    if isinstance(material, TrueMetal):
-        n, k = (torch.tensor(index, dtype=torch.float64) for index in (material.n, material.k))
-        return normal_reflectance(n, k).tolist()
-    return material.reflectance if material.type == "glossy" else None

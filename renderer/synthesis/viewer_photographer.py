@@ -12,13 +12,13 @@ from torch import Tensor
 from fit_material.renderer.cameras.camera import Camera
 from fit_material.renderer.environment.environment import Environment
 from fit_material.renderer.geometry.mesh import Shape
-from fit_material.renderer.materials.ground_truth import Channels, TrueGlossy, TrueMaterial, TrueMetal
+from fit_material.renderer.materials.ground_truth import TrueMaterial
 from fit_material.renderer.rays import gbuffer
 from fit_material.renderer.scene.scene_file import LightSpec
 from fit_material.renderer.viewer_model.model import Appearance
 from fit_material.renderer.viewer_model.shading import illuminations, shade_surface
 from fit_material.renderer.viewer_model.viewer_light import surroundings
-from fit_material.shaders.materials.types import Glossy, Material, Matte, Metal
+from fit_material.shaders.materials.types import Material, made_of
 
 
 def viewer_photographer(
@@ -47,12 +47,8 @@ def viewer_photographer(
 
 def thesis_material(material: TrueMaterial) -> Material:
     """The thesis's material of these numbers, float64; without a roughness, a mirror."""
-    if isinstance(material, TrueMetal):
-        return Metal(_tensor(material.n), _tensor(material.k), _tensor(material.roughness or 0.0))
-    if isinstance(material, TrueGlossy):
-        return Glossy(_tensor(material.color), _tensor(material.reflectance), _tensor(material.roughness or 0.0))
-    return Matte(_tensor(material.color), _tensor(material.reflectance))
 
+    def number(name: str) -> Tensor:
+        return torch.tensor(getattr(material, name) or 0.0, dtype=torch.float64)
 
-def _tensor(value: Channels | float) -> Float[Tensor, "..."]:
-    return torch.tensor(value, dtype=torch.float64)
+    return made_of(material.type, number)

@@ -22,7 +22,6 @@ from fit_material.renderer.rays.gbuffer import GBuffer
 from fit_material.renderer.viewer_model.captured_neighbours import capture
 from fit_material.renderer.viewer_model.model import Appearance, Model
 from fit_material.renderer.viewer_model.viewer_light import VIEWER_FACE_SIZE, Surroundings
-from fit_material.shaders.materials.types import Matte, Metal
 from fit_material.shaders.normal_map import perturbed
 from fit_material.shaders.shade import Illumination, Light, Points, shade
 
@@ -111,7 +110,7 @@ def reflective_parts(mesh: Mesh, appearances: Sequence[Appearance]) -> tuple[int
     """The objects that have a face of a reflective material, metal or glossy."""
     if mesh.part is None:
         return ()
-    reflective = np.array([not isinstance(each.material, Matte) for each in appearances])
+    reflective = np.array([each.material.mirrors for each in appearances])
     return tuple(np.unique(mesh.part[reflective[mesh.material]]).tolist())
 
 
@@ -130,7 +129,7 @@ def shade_surface(
         (torch has no forward derivative of `grid_sample`).
     """
     flat = surface.reshape(-1)
-    dtype = functools.reduce(torch.promote_types, (_dtype(each) for each in appearances))
+    dtype = functools.reduce(torch.promote_types, (each.material.dtype for each in appearances))
     where, values = [torch.empty(0, dtype=torch.long)], [torch.empty(0, 3, dtype=dtype)]
     for m, part in itertools.product(range(len(appearances)), range(len(lights))):
         chosen = flat.hit & (flat.material == m) & (flat.part == part)
@@ -145,7 +144,7 @@ def shade_surface(
 
 def points(surface: GBuffer, appearance: Appearance) -> Points:
     """What the shading model asks of a surface with maps over it, in the material's dtype."""
-    dtype, maps, uv = _dtype(appearance), appearance.maps, surface.uv
+    dtype, maps, uv = appearance.material.dtype, appearance.maps, surface.uv
     normal, view = surface.normal, surface.view
     if maps.normal is not None:
         tangent, handedness = surface.tangent.split([3, 1], dim=-1)
@@ -158,9 +157,3 @@ def points(surface: GBuffer, appearance: Appearance) -> Points:
         None if openness is None else openness.to(dtype),
         None if tint is None else tint.to(dtype),
     )
-
-
-def _dtype(appearance: Appearance) -> torch.dtype:
-    """That of the material's index or colour; single numbers do not count, as in torch's own promotion."""
-    material = appearance.material
-    return material.n.dtype if isinstance(material, Metal) else material.color.dtype

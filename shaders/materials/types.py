@@ -13,71 +13,36 @@ Colours are linear Rec. 709. [thesis 3.2, tables 3.1 and 3.2; MODEL.md 4, 5]
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import fields
 from types import MappingProxyType
-from typing import ClassVar, Literal
 
-from jaxtyping import Float
 from torch import Tensor
 
-from fit_material.shaders.optics import fresnel
+from fit_material.shaders.materials.glossy import Glossy
+from fit_material.shaders.materials.material import AbstractMaterial
+from fit_material.shaders.materials.matte import Matte
+from fit_material.shaders.materials.metal import Metal
+
+__all__ = ["TYPES", "TYPE_CODES", "Glossy", "Material", "Matte", "Metal", "made_of", "material_type"]
 
 TYPE_CODES: Mapping[str, int] = MappingProxyType({"matte": 0, "glossy": 1, "metal": 2})
 """The number behind `Ns` for each type of material [thesis, table 3.1]."""
 
-
-@dataclass(frozen=True)
-class Metal:
-    """A metal: reflects, with colour, and does nothing else.
-
-    Attributes:
-        n, k: complex refractive index per channel, n > 0, k >= 0.
-        roughness: blur radius ρ >= 0; where the lobe in use is a microfacet one, its width alpha.
-    """
-
-    n: Float[Tensor, "3"]
-    k: Float[Tensor, "3"]
-    roughness: Float[Tensor, ""]
-
-    type: ClassVar[Literal["metal"]] = "metal"
-
-    @property
-    def f0(self) -> Float[Tensor, "3"]:
-        """Reflectance at normal incidence, per channel."""
-        return fresnel.normal_reflectance(self.n, self.k)
-
-
-@dataclass(frozen=True)
-class Glossy:
-    """A dielectric: a diffuse body under a reflecting surface.
-
-    Attributes:
-        color: of the body, in [0, 1].
-        reflectance: of the surface at normal incidence, in [0, 1].
-        roughness: as a `Metal`'s.
-    """
-
-    color: Float[Tensor, "3"]
-    reflectance: Float[Tensor, "3"]
-    roughness: Float[Tensor, ""]
-
-    type: ClassVar[Literal["glossy"]] = "glossy"
-
-
-@dataclass(frozen=True)
-class Matte:
-    """A surface without reflections.
-
-    Attributes:
-        color: in [0, 1].
-        reflectance: how much of it is seen from the front, in [0, 1]; at 1 the surface is Lambertian.
-    """
-
-    color: Float[Tensor, "3"]
-    reflectance: Float[Tensor, "3"]
-
-    type: ClassVar[Literal["matte"]] = "matte"
-
-
 Material = Metal | Glossy | Matte
+
+TYPES: tuple[type[Metal], type[Glossy], type[Matte]] = (Metal, Glossy, Matte)
+"""All types of material."""
+
+_BY_NAME: Mapping[str, type[Material]] = MappingProxyType({each.type: each for each in TYPES})
+
+
+def material_type(name: str) -> type[AbstractMaterial]:
+    """The type of material of that name: what can be asked of it before there is one."""
+    return _BY_NAME[name]
+
+
+def made_of(name: str, quantity: Callable[[str], Tensor]) -> Material:
+    """The material of that type whose quantities are those of a function of their names."""
+    made = _BY_NAME[name]
+    return made(**{each.name: quantity(each.name) for each in fields(made)})

@@ -136,7 +136,7 @@ def every_material_at_the_poles(numbers: Numbers) -> str | None:
         light = even_light(half)
         for material in (Metal(half, half, roughness), Glossy(half, half, roughness), Matte(half, half)):
             radiance = shade.shade(material, Points(normal, normal.detach()), light)
-            unknowns = (normal, half) if isinstance(material, Matte) else (normal, half, roughness)
+            unknowns = (normal, half, roughness) if material.mirrors else (normal, half)
             slopes = torch.autograd.grad(radiance.sum(), unknowns, retain_graph=True)
             if not all(each.isfinite().all() for each in (radiance, *slopes)):
                 return f"{material.type} under {up:+g}: {radiance.tolist()}, slopes {[s.tolist() for s in slopes]}"

@@ -7,7 +7,13 @@ import itertools
 import torch
 from torch import Tensor
 
-from fit_material.fitter.materials.coordinates import GlossyCoordinates, Interval, MatteCoordinates, MetalCoordinates
+from fit_material.fitter.materials.coordinates import (
+    Coordinates,
+    GlossyCoordinates,
+    Interval,
+    MatteCoordinates,
+    MetalCoordinates,
+)
 from fit_material.fitter.selftest.experiments.row import Numbers
 from fit_material.shaders.materials.types import Metal
 from fit_material.shaders.optics import diffuse, fresnel, rough_plastic
@@ -57,8 +63,7 @@ def _gauss_legendre(numbers: Numbers) -> tuple[Tensor, Tensor]:
 
 def corners(numbers: Numbers) -> str | None:
     """Free vectors far beyond everything have finite materials with finite derivatives."""
-    kinds = (MetalCoordinates(Interval(0.005, 1.2, True)), GlossyCoordinates(Interval(0.005, 1.2)), MatteCoordinates())
-    for coordinates in kinds:
+    for coordinates in _unbounded():
         for corner in itertools.product((-1e3, -30.0, 30.0, 1e3), repeat=2):
             x = torch.full((coordinates.size,), corner[0], dtype=torch.float64)
             x[3:] = corner[1]
@@ -72,6 +77,12 @@ def corners(numbers: Numbers) -> str | None:
     return None
 
 
+def _unbounded() -> tuple[Coordinates, ...]:
+    """The free vectors of all types."""
+    metal, glossy = MetalCoordinates(Interval(0.005, 1.2, True)), GlossyCoordinates(Interval(0.005, 1.2))
+    return metal, glossy, MatteCoordinates()
+
+
 def tints_return(numbers: Numbers) -> float:
     """How far n comes back from its own free vector, relative, also where k is all but 0: worst of many."""
     coordinates, worst = MetalCoordinates(Interval(0.005, 1.2, True)), 0.0
@@ -79,6 +90,5 @@ def tints_return(numbers: Numbers) -> float:
         index, extinct = (torch.full((3,), value, dtype=torch.float64) for value in (n, k))
         metal = Metal(index, extinct, torch.tensor(0.1, dtype=torch.float64))
         found = coordinates.material(coordinates.free(metal))
-        assert isinstance(found, Metal)
         worst = max(worst, float((found.n / n - 1).abs().max()), float((found.k - k).abs().max()) / max(n, k, 1))
     return worst

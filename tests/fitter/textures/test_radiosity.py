@@ -25,7 +25,6 @@ from fit_material.renderer.mitsuba.conversion import diffuse, mitsuba, plastic
 from fit_material.renderer.rays import gbuffer
 from fit_material.renderer.rays.gbuffer import GBuffer
 from fit_material.renderer.rays.occlusion import Occluder
-from fit_material.shaders.albedo import albedo
 from fit_material.shaders.lights import DirectionalLight
 from fit_material.shaders.materials.types import Glossy, Matte, Metal
 from fit_material.shaders.optics import fresnel
@@ -119,7 +118,7 @@ def test_what_is_known_at_places_is_known_at_them_and_between():
 def test_albedo_of_plastic_is_that_of_mitsuba(f0, alpha, color):
     material = Glossy(*(torch.full((3,), each, dtype=torch.float64) for each in (color, f0)), torch.tensor(alpha))
     # Its table of T is 4e-4 too high, twice; weights scatter by 0.08 (by f0 without a body) over 20000 draws.
-    np.testing.assert_allclose(albedo(material, "ggx"), mitsuba_albedo(f0, alpha, color), atol=0.003)
+    np.testing.assert_allclose(material.albedo("ggx"), mitsuba_albedo(f0, alpha, color), atol=0.003)
 
 
 def mitsuba_albedo(f0: float, alpha: float, color: float, draws: int = 20000) -> float:
@@ -135,7 +134,7 @@ def mitsuba_albedo(f0: float, alpha: float, color: float, draws: int = 20000) ->
 
 def test_albedo_of_matte_is_its_colour_at_every_place():
     colors = torch.rand(5, 3, dtype=torch.float64)
-    torch.testing.assert_close(albedo(Matte(colors, torch.ones(3, dtype=torch.float64)), "ggx"), colors)
+    torch.testing.assert_close(Matte(colors, torch.ones(3, dtype=torch.float64)).albedo("ggx"), colors)
 
 
 def test_albedo_of_gold_is_about_its_mean_reflectance():
@@ -144,7 +143,7 @@ def test_albedo_of_gold_is_about_its_mean_reflectance():
     cosine = ((torch.arange(4096, dtype=torch.float64) + 0.5) / 4096)[:, None]
     mean = (2 * cosine * fresnel.conductor(cosine, n, k)).mean(0)
     # Schlick's curve is F0 + (1 - F0)/21 in the mean; a conductor's own dips before it rises
-    assert bool(((mean - albedo(metal, "ggx")).abs() < (1 - metal.f0) / 21 + 0.01).all())
+    assert bool(((mean - metal.albedo("ggx")).abs() < (1 - metal.f0) / 21 + 0.01).all())
 
 
 @pytest.fixture(scope="module", params=["matte", "glossy"])
