@@ -12,6 +12,7 @@
 #   make bench     accuracy and time, as docs/validation.md states them
 #   make bench-recovery   n, k, F0 and alpha of many metals against the truth and the bound; hours at first
 #   make accuracy  docs/accuracy.md and its plot, measured on this machine; half an hour
+#   make docs      the documents in docs/ as HTML: docs/_build/index.html; warnings are errors
 #   make fresh     `make demo` and `make test` on a Debian that has nothing installed; needs root; half an hour
 #   make clean     remove everything that these have made
 #
@@ -33,7 +34,7 @@ REPEATS = 1
 bin = .venv/bin
 installed = .venv/installed
 
-.PHONY: help install demo test test-llvm test-arithmetic fresh slow stress hard-cases check bench bench-recovery accuracy clean
+.PHONY: help install demo test test-llvm test-arithmetic fresh slow stress hard-cases check bench bench-recovery accuracy docs clean
 
 help:
 	@sed -n '/^$$/q; s/^# \{0,1\}//p' Makefile
@@ -90,8 +91,12 @@ bench-recovery: $(installed)
 accuracy: $(installed)
 	$(bin)/python -m tests.bench --repeats $(REPEATS) accuracy
 
+docs: $(installed)
+	$(bin)/python -m pip install -q -e '.[docs]'
+	$(bin)/python -m sphinx -W --keep-going -b html docs docs/_build
+
 clean:
-	rm -rf .venv build demo bench *.egg-info src/*.egg-info .pytest_cache .ruff_cache .hypothesis
+	rm -rf .venv build demo bench docs/_build *.egg-info src/*.egg-info .pytest_cache .ruff_cache .hypothesis
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +
 
 # torch first and alone: what follows then finds it there, and does not replace it by another build
