@@ -8,7 +8,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 import torch
 from jaxtyping import Float
-from scipy.optimize import minimize_scalar
 from torch import Tensor
 
 from fit_material.fitter.forward.pixel_model import central
@@ -62,6 +61,8 @@ def viewer_roughness(
         material: as exported, its roughness alpha.
         tint: of each pixel, by which the colour is multiplied; None for none.
     """
+    from scipy.optimize import minimize_scalar  # half a second, which a plan does without
+
     every = max(1, len(observed.radiance) // PIXELS)
     surface = central(observed.surface[::every])
     seen = observed.radiance[::every].numpy()
