@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 from fit_material.fitter.effects.effect_measurement import Measurement, Sample, possible
-from fit_material.fitter.effects.interreflection import require_polishable
 from fit_material.fitter.effects.plan import Change, Plan, planned
 from fit_material.fitter.effects.plan_rules import Facts
 from fit_material.fitter.forward.lighting import Setting
@@ -125,6 +124,8 @@ def _untraced(types: frozenset[str], fidelity: Fidelity) -> str | None:
     """Why no paths can be traced; finds out by loading Mitsuba, which takes a second."""
     if "metal" not in types:
         return "paths are traced for metals alone"
+    from fit_material.fitter.effects.interreflection import require_polishable
+
     try:
         require_polishable(fidelity)
     except InputError as error:

@@ -10,17 +10,17 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from fit_material.fitter.effects.interreflection import Polish
 from fit_material.fitter.estimation.model_selection import Choice
 from fit_material.fitter.forward.lighting import Setting
 from fit_material.fitter.least_squares.covariance import Spread
 from fit_material.fitter.observations.pixel_selection import Observations
 from fit_material.fitter.result.schema import FittedMaterial, Tolerance
-from fit_material.fitter.uncertainty.tolerance import Ascent
 from fit_material.renderer.rays.gbuffer import GBuffer
 
 if TYPE_CHECKING:
+    from fit_material.fitter.effects.interreflection import Polish
     from fit_material.fitter.fitted.color_texture import ColorMap
+    from fit_material.fitter.uncertainty.tolerance import Ascent
 
 
 @dataclass(frozen=True)

@@ -6,9 +6,7 @@ import functools
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
 
-from fit_material.fitter.effects.interreflection import polish_scene, polished
 from fit_material.fitter.estimation.background_calibration import nuisances_of
 from fit_material.fitter.estimation.model_selection import Choice, fit_type
 from fit_material.fitter.estimation.problem import Problem
@@ -21,7 +19,6 @@ from fit_material.fitter.forward.lighting import Setting
 from fit_material.fitter.forward.textured_pixels import SpottedPixels
 from fit_material.fitter.least_squares.solvers import SOLVERS
 from fit_material.fitter.materials.coordinates import MetalCoordinates
-from fit_material.fitter.metal_prior.nearest_metals import nearest_metals
 from fit_material.fitter.metal_prior.substitution import borrow
 from fit_material.fitter.observations.multi_view_points import choose_spots
 from fit_material.fitter.observations.pixel_selection import Observations, choose_pixels
@@ -29,16 +26,11 @@ from fit_material.fitter.observations.scene_data import Loaded, kinds_of
 from fit_material.fitter.options.fidelity import Fidelity
 from fit_material.fitter.options.fit_options import FitOptions, Prior
 from fit_material.fitter.options.progress import Progress
-from fit_material.fitter.result.schema import FittedMaterial
+from fit_material.fitter.result.schema import FittedMaterial, Nearest
 from fit_material.fitter.uncertainty.active_bound import reported
-from fit_material.fitter.uncertainty.tolerance import FIRST_PIXELS, ascend
 from fit_material.renderer.rays.gbuffer import Tracer
 from fit_material.shaders.materials.quantities import MaterialType
 from fit_material.shaders.materials.types import Glossy
-
-if TYPE_CHECKING:
-    pass
-
 
 MOST_TRACED = 4000  # pixels, of which paths take a minute or two; what they leave uncertain in F0 is a thousandth
 
@@ -94,12 +86,21 @@ def fit_parts(
         light = replace(setting, fidelity=fidelity)
         return Problem(observed, light, SOLVERS[options.solver], label, nuisances=nuisances)
 
-    seen = chosen(setting.fidelity.pixels if options.tolerance is None else FIRST_PIXELS)
+    seen = chosen(_first_count(setting.fidelity, options.tolerance))
     return [
         _fitted_part(index, functools.partial(problem_at, index=index), loaded, setting.fidelity, options, types[index])
         for index, observed in enumerate(seen)
         if observed is not None
     ]
+
+
+def _first_count(fidelity: Fidelity, tolerance: float | None) -> int:
+    """Pixels of the first fit."""
+    if tolerance is None:
+        return fidelity.pixels
+    from fit_material.fitter.uncertainty.tolerance import FIRST_PIXELS
+
+    return FIRST_PIXELS
 
 
 def _fitted_part(
@@ -115,6 +116,8 @@ def _fitted_part(
     if options.tolerance is None:
         problem = problem_at(fidelity)
         return _part(index, name, problem.observed, fit_type(problem, kind), problem.setting, options.prior)
+    from fit_material.fitter.uncertainty.tolerance import ascend
+
     ascent = ascend(problem_at, fidelity, kind, options.tolerance)
     problem = ascent.problem
     return _part(index, name, problem.observed, ascent.choice, problem.setting, options.prior).by(ascent)
@@ -124,6 +127,8 @@ def polished_parts(
     loaded: Loaded, parts: Sequence[FittedPart], options: FitOptions, progress: Progress
 ) -> list[FittedPart]:
     """The metals again, each in the light that the others send it; the rest as it was."""
+    from fit_material.fitter.effects.interreflection import polish_scene, polished
+
     found = {part.index: part.choice.fit.material for part in parts}
 
     def again(part: FittedPart) -> FittedPart:
@@ -157,7 +162,11 @@ def _part(index: int, name: str, observed: Observations, choice: Choice, setting
     choice = replace(choice, fit=fit)
     setting = turned(setting, fit)
     coordinates = fit.residuals.coordinates
-    nearest = nearest_metals(fit.x, coordinates, uncertainty) if isinstance(coordinates, MetalCoordinates) else ()
+    nearest: tuple[Nearest, ...] = ()
+    if isinstance(coordinates, MetalCoordinates):
+        from fit_material.fitter.metal_prior.nearest_metals import nearest_metals
+
+        nearest = nearest_metals(fit.x, coordinates, uncertainty)
     rho = None
     if not setting.fidelity.blurs and fit.material.type != "matte":
         model = fit.residuals.model

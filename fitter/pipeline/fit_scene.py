@@ -6,10 +6,10 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import torch
 
-from fit_material.fitter.effects.interreflection import require_polishable
 from fit_material.fitter.export.mtl import ordinary_mtl, thesis_mtl
 from fit_material.fitter.fitted.limitations import caveats
 from fit_material.fitter.fitted.nuisance_estimates import Beside, found_beside
@@ -24,11 +24,10 @@ from fit_material.fitter.observations.scene_data import Loaded, load
 from fit_material.fitter.options.fidelity import Fidelity
 from fit_material.fitter.options.fit_options import FitOptions
 from fit_material.fitter.options.progress import Progress
-from fit_material.fitter.pipeline.option_checks import require_consistent
+from fit_material.fitter.pipeline.map_files import map_files, with_map_names
+from fit_material.fitter.pipeline.option_checks import require_consistent, require_mappable
 from fit_material.fitter.pipeline.output_files import SIZE, require_room_for_outputs
 from fit_material.fitter.pipeline.planned_fit import fit_planned
-from fit_material.fitter.poses.refinement import RefinedPoses, pose_fidelity, refine_poses
-from fit_material.fitter.poses.transforms_file import transforms_json
 from fit_material.fitter.report import image_quality
 from fit_material.fitter.report.effect_pictures import strips
 from fit_material.fitter.report.image_quality import ViewPictures
@@ -38,7 +37,6 @@ from fit_material.fitter.report.reflectance_curve import Curve, reflectance_curv
 from fit_material.fitter.report.report import comparison_png, render_report
 from fit_material.fitter.result.schema import Effect, Model, Result, Time, write_result
 from fit_material.fitter.result.written_files import outputs_of
-from fit_material.fitter.textures.color_map import require_mappable, with_color_maps, with_written_maps
 from fit_material.renderer.compute.devices import torch_device
 from fit_material.renderer.compute.threads import one_thread_per_operation
 from fit_material.renderer.errors.input_error import InputError
@@ -46,6 +44,9 @@ from fit_material.renderer.files.atomic import replaced_together, write_bytes_at
 from fit_material.renderer.rays.gbuffer import GBuffer, Tracer
 from fit_material.renderer.rays.picture import draw
 from fit_material.shaders.materials.fresnel_models import REFLECTANCES
+
+if TYPE_CHECKING:
+    from fit_material.fitter.poses.refinement import RefinedPoses
 
 SHOWN_SAMPLES = 128  # directions per pixel of the report's pictures, at most; their noise is in `quality`
 SHOWN_FOOTPRINT = 2
@@ -81,6 +82,8 @@ def fit_scene(
     device = torch_device(options.device)
     require_consistent(options)
     if options.polish or "interreflection" in options.wanted:
+        from fit_material.fitter.effects.interreflection import require_polishable
+
         require_polishable(options.fidelity)
     progress("reading", 0)
     loaded = load(scene_file)
@@ -101,8 +104,10 @@ def fit_scene(
         loaded = loaded if refined is None else refined.loaded
         planned = fit_planned(loaded, trace, setting, options, progress, scene_file)
         if "color" in options.maps:
+            from fit_material.fitter.textures.color_map import with_color_maps
+
             planned = with_color_maps(planned, loaded, trace, options, progress)
-            planned = replace(planned, parts=with_written_maps(planned.parts, loaded.name, folder))
+            planned = replace(planned, parts=with_map_names(planned.parts, loaded.name))
         parts = planned.parts
         solving = sum(part.choice.fit.solve_seconds for part in parts)
         clock = _Clock(began, read, time.perf_counter(), loaded.photographs.seconds, solving)
@@ -117,13 +122,14 @@ def fit_scene(
         curves = [_curve(part) for part in parts]
         maps = [(part.material.name, *map_pictures(part.color_map)) for part in parts if part.color_map is not None]
         page = render_report(result, views, curves, alone, outliers, maps=maps, command=options.command)
+        for name, data in map_files(parts).items():
+            write_bytes_atomically(folder / name, data)
         write_text_atomically(folder / "report.html", page)
         write_bytes_atomically(folder / "comparison.png", comparison_png(views))
         write_text_atomically(folder / f"{loaded.name}.thesis.mtl", thesis_mtl(result.materials))
         write_text_atomically(folder / f"{loaded.name}.mtl", ordinary_mtl(result.materials))
-        moved = None if refined is None else transforms_json(loaded)
-        if moved is not None:
-            write_text_atomically(folder / f"{loaded.name}.transforms.json", moved)
+        if refined is not None and refined.transforms is not None:
+            write_text_atomically(folder / f"{loaded.name}.transforms.json", refined.transforms)
         files = outputs_of(folder, final)
         result = result.model_copy(update={"time": clock.now(), **files})  # the page cannot know how long it took
         write_result(result, folder / "result.json")
@@ -140,6 +146,8 @@ def _refined(
     loaded: Loaded, trace: Tracer, options: FitOptions, device: torch.device, progress: Progress, scene_file: Path
 ) -> RefinedPoses:
     """The scene with its cameras where they stood, found in light that is exact whatever the fit's is."""
+    from fit_material.fitter.poses.refinement import pose_fidelity, refine_poses
+
     exactly = replace(options, fidelity=pose_fidelity(options.fidelity))
     return refine_poses(loaded, trace, setting_of(loaded, exactly, device), options, progress, scene_file)
 

@@ -19,6 +19,7 @@ from fit_material.fitter.options.fit_options import FitOptions
 from fit_material.fitter.options.progress import Progress
 from fit_material.fitter.poses.photometric_alignment import Shown, informed, shown_pixels
 from fit_material.fitter.poses.silhouette_alignment import MOST_APART, Border, border_of
+from fit_material.fitter.poses.transforms_file import transforms_json
 from fit_material.fitter.result.schema import RefinedCamera
 from fit_material.renderer.cameras.pose_offset import DEGREES, SHARE, Pose
 from fit_material.renderer.errors.input_error import InputError
@@ -44,6 +45,11 @@ class RefinedPoses:
     loaded: Loaded
     cameras: tuple[RefinedCamera, ...]
     told: str
+
+    @property
+    def transforms(self) -> str | None:
+        """The cameras as `transforms.json` has them; None where one is orthographic."""
+        return transforms_json(self.loaded)
 
 
 def pose_fidelity(fidelity: Fidelity) -> Fidelity:

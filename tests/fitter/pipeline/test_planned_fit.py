@@ -9,7 +9,7 @@ from dataclasses import replace
 
 import pytest
 
-from fit_material.fitter.effects import planner
+from fit_material.fitter.effects import interreflection
 from fit_material.fitter.effects.plan import Plan
 from fit_material.fitter.effects.planner import Planner, spared
 from fit_material.fitter.forward import lighting, pixel_model
@@ -70,7 +70,7 @@ def calls(monkeypatch) -> Counter[str]:
 def looked_for_paths(monkeypatch) -> list[object]:
     """How often a plan finds out whether Mitsuba can trace paths here, which loads it."""
     found: list[object] = []
-    monkeypatch.setattr(planner, "require_polishable", found.append)
+    monkeypatch.setattr(interreflection, "require_polishable", found.append)
     return found
 
 
