@@ -9,7 +9,7 @@
 #   make stress    properties of whole domains by many examples, and a hundred thousand damaged files; some fifteen minutes
 #   make hard-cases  docs/hard-cases.md, from the table of hard cases, with Mitsuba beside it; two minutes
 #   make check     style, types and the direction of imports, without running anything
-#   make bench     accuracy and time, as the README states them
+#   make bench     accuracy and time, as docs/validation.md states them
 #   make bench-recovery   n, k, F0 and alpha of many metals against the truth and the bound; hours at first
 #   make accuracy  docs/accuracy.md and its plot, measured on this machine; half an hour
 #   make fresh     `make demo` and `make test` on a Debian that has nothing installed; needs root; half an hour
@@ -19,6 +19,7 @@
 # is allowed. Settings, each as in `make install PYTHON=/opt/python/bin/python3`:
 #
 #   PYTHON   the Python to make .venv from
+#   AREA     a folder of tests, of test: make test AREA=light_tables
 #   JOBS     fits at a time, of bench-recovery
 #   REPEATS  runs of each rung, of accuracy
 #   EXAMPLES of each property, of stress
@@ -46,7 +47,7 @@ demo: $(installed)
 # Two files at a time, each with one thread: our tensors are small, and threads of two processes would only wait for
 # each other. On two cores that others used as well, 990 tests took 210 s so, and 210 s one after another.
 test: $(installed)
-	OMP_NUM_THREADS=1 $(bin)/python -m pytest -n 2 --dist loadfile
+	OMP_NUM_THREADS=1 $(bin)/python -m pytest -n 2 --dist loadfile $(if $(AREA),$(shell find tests -type d -name '$(AREA)'))
 
 test-llvm: $(installed)
 	bash tools/test_llvm.sh $(bin)/python

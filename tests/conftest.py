@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import shutil
+import signal
 from pathlib import Path
 
 import pytest
@@ -11,7 +12,10 @@ import torch
 from hypothesis import settings
 
 from fit_material.renderer.backends import dr_jit
+from tests.support.paths import SHARED
 
+if hasattr(signal, "SIGHUP"):
+    signal.signal(signal.SIGHUP, signal.SIG_DFL)  # `nohup` has it ignored, also by what tests begin
 dr_jit.prepare()  # before there are threads; processes that tests start inherit the choice, and say nothing of it
 # several tests run at once, and the machine is shared: operations that wait for other cores wait long
 torch.set_num_threads(1)
@@ -26,10 +30,9 @@ settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "steady"))
 @pytest.fixture(scope="session")
 def shared_data() -> Path:
     """Real input kept beside the repository, where there is any."""
-    folder = Path(__file__).resolve().parents[2] / "shared" / "data"
-    if not folder.is_dir():
+    if not SHARED.is_dir():
         pytest.skip("../shared/data is absent")
-    return folder
+    return SHARED
 
 
 @pytest.fixture(scope="session")

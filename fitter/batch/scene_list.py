@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import glob
 import hashlib
+import itertools
 import os
 import re
 import shlex
@@ -89,14 +90,13 @@ def _line(line: str, folder: Path, where: str) -> Iterator[Listed]:
         yield from _expanded(line, folder, where, ())
         return
     try:
-        words = shlex.split(line)
+        path, *words = shlex.split(line)  # a first word that begins with # is quoted: it is no comment
     except ValueError:
         raise InputError(where, value=shortened(line), expected="quotes in pairs") from None
-    comments = [index for index, word in enumerate(words) if word.startswith("#")]
-    path, *options = words[: comments[0]] if comments else words
+    options = tuple(itertools.takewhile(lambda word: not word.startswith("#"), words))
     if path.startswith("-"):
         raise InputError(where, value=shortened(line), expected="a scene file, and options behind it")
-    yield from _expanded(path, folder, where, tuple(options))
+    yield from _expanded(path, folder, where, options)
 
 
 def _expanded(text: str, folder: Path, where: str, words: tuple[str, ...]) -> Iterator[Listed]:

@@ -61,8 +61,6 @@ def viewer_roughness(
         material: as exported, its roughness alpha.
         tint: of each pixel, by which the colour is multiplied; None for none.
     """
-    from scipy.optimize import minimize_scalar  # half a second, which a plan does without
-
     every = max(1, len(observed.radiance) // PIXELS)
     surface = central(observed.surface[::every])
     seen = observed.radiance[::every].numpy()
@@ -80,6 +78,8 @@ def viewer_roughness(
     costs = np.stack([(residual(rho) ** 2).sum(1) for rho in coarse])
     best = int(costs.sum(1).argmin())
     bounds = coarse[max(best - 1, 0)], coarse[min(best + 1, COARSE_STEPS - 1)]
+    from scipy.optimize import minimize_scalar  # 0.8 s, for the fit's end alone
+
     found = minimize_scalar(lambda rho: (residual(rho) ** 2).sum(), bounds=bounds, method="bounded").x  # type: ignore
     if not _is_seen(costs):
         return ViewerRoughness(float(found), math.inf)

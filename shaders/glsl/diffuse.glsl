@@ -1,4 +1,4 @@
-// Light that a surface scatters. Twin of shaders/diffuse.py; tests/test_glsl_parity.py keeps the two equal.
+// Light that a surface scatters. Twin of shaders/optics/diffuse.py; tests/shaders/test_glsl_parity.py keeps the two equal.
 
 // The environment's cosine-weighted irradiance over π. Ramamoorthi & Hanrahan 2001, eq. 10; `ambient`.
 vec3 ambient(vec3 coefficients[9], vec3 normal) {

@@ -1,4 +1,4 @@
-// Fresnel reflectance. Twin of shaders/fresnel.py; tests/test_glsl_parity.py keeps the two equal.
+// Fresnel reflectance. Twin of shaders/optics/fresnel.py; tests/shaders/test_glsl_parity.py keeps the two equal.
 
 // (1-c)⁵, both formulas' dependence on the angle.
 float grazing(float cos_d) {

@@ -1,4 +1,4 @@
-// The thesis's blur and its lights' reflections. Twin of shaders/lobe.py; tests/test_glsl_parity.py keeps the two equal.
+// The thesis's blur and its lights' reflections. Twin of shaders/optics/blur.py; tests/shaders/test_glsl_parity.py keeps the two equal.
 
 // ∝ exp(-½(i/1.5)²) for i = -3 … 3, summing to one: `tap_weights`. MODEL.md 3.1.
 const float TAP_WEIGHTS[7] = float[](

@@ -1,4 +1,4 @@
-// Tangent-space normal maps. Twin of shaders/normal_map.py; tests/test_glsl_parity.py keeps the two equal.
+// Tangent-space normal maps. Twin of shaders/normal_map.py; tests/shaders/test_glsl_parity.py keeps the two equal.
 
 // x / max(|x|, 1e-12): what has no direction stays 0 rather than NaN.
 vec3 direction_of(vec3 x) {

@@ -39,7 +39,8 @@ from tests.bench import (
 from tests.bench.fits import How
 from tests.bench.grid import Selection
 from tests.bench.photographs import ALPHAS, ENVIRONMENTS, METALS, SHAPES
-from tests.bench.setting import ROOT, SHARED, header
+from tests.bench.setting import header
+from tests.support.paths import ROOT, SHARED
 
 USUAL = ("agreement", "recovery", "types", "loop", "parity", "frame")
 

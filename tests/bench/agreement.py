@@ -17,7 +17,7 @@ from fit_material.renderer.path_tracing.path_tracer import render
 from fit_material.renderer.rays import gbuffer
 from fit_material.renderer.synthesis.camera_placement import views
 from fit_material.shaders.materials.types import Metal
-from tests.bench.setting import SHARED
+from tests.support.paths import SHARED
 
 SIZE, REPEATS, SPP, SAMPLES = 96, 4, 4096, 4096
 

@@ -23,8 +23,9 @@ from fit_material.renderer.compute.threads import cores
 from fit_material.renderer.errors.input_error import InputError
 from fit_material.renderer.synthesis.synthesise import SynthOptions
 from tests.bench.photographs import photographed
-from tests.bench.setting import ROOT, spread
+from tests.bench.setting import spread
 from tests.bench.types import MATERIALS
+from tests.support.paths import ROOT
 
 SCENES, USUAL_REPEATS = 100, 5
 SIZES, VIEWS, SPP = (32, 40, 48), (1, 2, 3), 256

@@ -58,7 +58,7 @@ def page_text(found: list[Verdict], peers: list[str], measured: str, command: st
         *measured.strip().splitlines(),
         "",
         f"{len(ROWS)} rows; {held} of {len(found)} runs in float32 and float64 hold. `fit-material selftest` runs them"
-        " on your machine, `tests/test_hard_cases.py` before every change. What must hold, in words:",
+        " on your machine, `tests/fitter/selftest/test_table.py` before every change. What must hold, in words:",
         "",
         *(f"- *{word}*: {meaning}." for word, meaning in MEANINGS.items()),
         "",

@@ -24,7 +24,7 @@ from fit_material.fitter.pipeline.fit_scene import fit_scene
 from fit_material.fitter.result.schema import FittedMaterial, read_result
 from fit_material.fitter.uncertainty.active_bound import reported
 from tests.bench.fits import How
-from tests.bench.setting import ROOT
+from tests.support.paths import ROOT, SOURCE
 
 STATES = ("none", "15", "19", "broken")
 NOT_HERE = 77  # exit code of with_llvm.sh
@@ -80,7 +80,7 @@ def _run(state: str, *command: str | Path, cwd: Path) -> tuple[int, float]:
     """Exit code and seconds."""
     begun = time.perf_counter()
     prefix = ("bash", str(ROOT / "tools" / "with_llvm.sh"), state) if state else ()
-    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
+    environment = {**os.environ, "PYTHONPATH": str(SOURCE)}
     done = subprocess.run([*prefix, *map(str, command)], capture_output=True, cwd=cwd, env=environment, check=False)
     return done.returncode, time.perf_counter() - begun
 

@@ -18,7 +18,8 @@ from fit_material.renderer.images.image_file import read_image
 from fit_material.renderer.images.textures import read_texture
 from fit_material.renderer.mitsuba.conversion import diffuse, plastic
 from tests.bench.photographs import SHAPES, map_of
-from tests.bench.setting import CACHE, SHARED
+from tests.bench.setting import CACHE
+from tests.support.paths import SHARED
 from tests.support.textured import photograph_textured, seen_at
 
 VIEWS, SIZE, SPP = 12, 192, 512

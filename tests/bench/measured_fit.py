@@ -12,7 +12,7 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
-from tests.bench.setting import ROOT
+from tests.support.paths import ROOT
 
 STAGES = ("load", "prepare", "solve", "report", "total", "CPU")
 STATUS, REFERENCES = Path("/proc/self/status"), Path("/proc/self/clear_refs")

@@ -48,7 +48,7 @@ def rows(variant: str) -> Iterator[str]:
 
 
 def _case(material: str, effects: Sequence[bool]) -> parity.Case:
-    """As tests/test_glsl_parity.py has them: a colour map comes with the light."""
+    """As tests/shaders/test_glsl_parity.py has them: a colour map comes with the light."""
     return parity.Case(material, *effects, color_map=material != "metal" and effects[0])
 
 

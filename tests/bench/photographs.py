@@ -17,7 +17,8 @@ from fit_material.renderer.materials.catalogue import metal
 from fit_material.renderer.materials.ground_truth import TrueMetal
 from fit_material.renderer.synthesis.scene_writer import outputs_of
 from fit_material.renderer.synthesis.synthesise import SynthOptions, noisy, synthesise
-from tests.bench.setting import CACHE, SHARED
+from tests.bench.setting import CACHE
+from tests.support.paths import SHARED
 
 METALS = ("Au", "Cu", "Al", "Fe")
 ALPHAS = (0.05, 0.2, 0.5)

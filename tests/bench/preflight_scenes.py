@@ -15,7 +15,8 @@ from fit_material.renderer.materials.catalogue import metal
 from fit_material.renderer.materials.ground_truth import TrueGlossy, TrueMaterial, TrueMatte, TrueMetal
 from fit_material.renderer.synthesis.synthesise import SynthOptions
 from tests.bench.photographs import photographed
-from tests.bench.setting import CACHE, SHARED
+from tests.bench.setting import CACHE
+from tests.support.paths import SHARED
 
 COUNT = 20
 METALS = ("Au", "Cu", "Al", "Fe", "Cr", "Ti")

@@ -10,8 +10,8 @@ from collections.abc import Sequence
 from importlib.metadata import version
 from pathlib import Path
 
-ROOT = Path(__file__).resolve().parents[2]
-SHARED = ROOT.parent / "shared" / "data"
+from tests.support.paths import ROOT
+
 CACHE = Path(os.environ.get("FIT_MATERIAL_CACHE", Path.home() / ".cache" / "fit-material"))
 PACKAGES = ("torch", "jax", "optimistix", "mitsuba", "drjit", "moderngl", "numpy")
 

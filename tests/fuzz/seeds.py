@@ -26,7 +26,7 @@ from fit_material.fitter.result.schema import (
     write_result,
 )
 from fit_material.renderer.images.image_file import write_exr
-from tests.bench.setting import SHARED
+from tests.support.paths import SHARED
 
 LARGEST = 20_000  # bytes of a seed
 

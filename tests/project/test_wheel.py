@@ -16,7 +16,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.support.paths import ROOT
+from tests.support.paths import ROOT, SOURCE
 
 TOPS = ("shaders", "renderer", "fitter")
 DATA = {
@@ -69,7 +69,7 @@ def sources() -> set[str]:
     """What a wheel is to hold of our folders, by its path there."""
     found = (path for top in TOPS for path in (ROOT / top).rglob("*.py"))
     modules = {f"fit_material/{path.relative_to(ROOT).as_posix()}" for path in found}
-    data = {f"{pattern.rpartition('/')[0]}/{path.name}" for pattern in DATA for path in (ROOT / "src").glob(pattern)}
+    data = {f"{pattern.rpartition('/')[0]}/{path.name}" for pattern in DATA for path in SOURCE.glob(pattern)}
     return {"fit_material/__init__.py", "fit_material/__main__.py"} | modules | data
 
 
@@ -79,6 +79,12 @@ def require_whole(held: Iterable[str]) -> None:
     assert {name.partition("/")[0] for name in held} == {"fit_material"}
     assert held == sources()
     assert not {pattern for pattern in DATA if not any(fnmatch(name, pattern) for name in held)}
+
+
+def test_the_package_has_one_name_and_three_links():
+    links = {path.name: path.resolve() for path in (SOURCE / "fit_material").iterdir() if path.is_symlink()}
+    assert links == {name: ROOT / name for name in TOPS}
+    assert [path.name for path in SOURCE.iterdir() if (path / "__init__.py").exists()] == ["fit_material"]
 
 
 def test_what_the_wheel_would_hold():

@@ -1,4 +1,4 @@
-"""Tone mapping in closed form. GLSL is held against this in tests/test_compare.py."""
+"""Tone mapping in closed form. GLSL is held against this in tests/renderer/viewer/test_compare.py."""
 
 from __future__ import annotations
 

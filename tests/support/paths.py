@@ -5,4 +5,5 @@ from __future__ import annotations
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
-SHARED = ROOT.parent / "shared"  # real input beside the project; absent where it was cloned alone
+SOURCE = ROOT / "src"  # for PYTHONPATH
+SHARED = ROOT.parent / "shared" / "data"  # real input beside the project; absent where it was cloned alone

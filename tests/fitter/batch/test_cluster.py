@@ -22,7 +22,7 @@ from fit_material.renderer.errors.input_error import InputError
 from fit_material.renderer.materials.ground_truth import TrueMatte
 from fit_material.renderer.synthesis.synthesise import SynthOptions, synthesise
 from tests.fitter.batch.test_batch import FILES, QUICK, run
-from tests.support.paths import ROOT
+from tests.support.paths import ROOT, SOURCE
 
 DOCUMENTED = re.findall(r"```sh\n(.*?)\n```", (ROOT / "docs" / "many-scenes.md").read_text("utf-8"), re.DOTALL)
 MAKE, SCHEDULE, WORK, BATCH = map(shlex.split, DOCUMENTED)
@@ -30,7 +30,7 @@ PROGRAMS = {
     "dask": [sys.executable, "-m", "dask"],
     "fit-material": [sys.executable, "-m", "fit_material"],
 }
-ENVIRONMENT = {**os.environ, "PYTHONPATH": str(ROOT)}
+ENVIRONMENT = {**os.environ, "PYTHONPATH": str(SOURCE)}
 
 needs_openssl = pytest.mark.skipif(shutil.which("openssl") is None, reason="certificates are made by openssl")
 

@@ -22,7 +22,7 @@ from fit_material.fitter.batch.workers import process
 from fit_material.renderer.materials.ground_truth import TrueMatte
 from fit_material.renderer.synthesis.synthesise import SynthOptions, synthesise
 from tests.fitter.batch.test_batch import QUICK, run, taken_over, under_way, wait_until
-from tests.support.paths import ROOT
+from tests.support.paths import SOURCE
 
 COMMAND = "import sys; from fit_material.fitter.__main__ import program; sys.argv[0] = 'fit-material'; program()"
 MARK = "FIT_MATERIAL_TEST"  # in the environment of a batch and of all that it begins
@@ -51,7 +51,7 @@ class Running:
         program = folder / "fit-material"
         program.write_text(COMMAND)
         arguments = ["batch", str(scenes), "-o", str(self.out), "--workers", "2", "--type", "matte", *QUICK]
-        path = [str(each) for each in (libraries, ROOT) if each is not None]
+        path = [str(each) for each in (libraries, SOURCE) if each is not None]
         self.process = subprocess.Popen(
             [sys.executable, str(program), *arguments],
             stdout=subprocess.PIPE,

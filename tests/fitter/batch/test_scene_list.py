@@ -47,7 +47,10 @@ def test_a_path_to_a_line_with_comments_and_options(folder):
 
 
 def test_quotes_and_backslashes_as_in_a_shell(folder):
+    Path("#1").mkdir()
+    Path("#1/scene.toml").touch()
     assert listed("'with space' --type metal") == {"with-space": ("with space/scene.toml", ("--type", "metal"))}
+    assert listed("\\#1/scene.toml -q  # of that name") == listed("'#1' -q") == {"1": ("#1/scene.toml", ("-q",))}
     assert listed("with\\ space/scene.toml -q") == {"with-space": ("with space/scene.toml", ("-q",))}
 
 

@@ -26,7 +26,7 @@ from fit_material.renderer.materials.catalogue import metal
 from fit_material.renderer.materials.ground_truth import TrueMetal
 from fit_material.renderer.synthesis.synthesise import SynthOptions, synthesise
 from tests.fitter.result.test_schema import result
-from tests.support.paths import ROOT
+from tests.support.paths import SOURCE
 
 COMMAND = [sys.executable, "-m", "fit_material"]
 # a program beside a test must not take all cores with tensors of a few thousand numbers
@@ -111,7 +111,7 @@ def test_the_truth_is_within_the_stated_errors(done, gold_photographs):
     (found,) = strictly_parsed(done[1] / "result.json")["materials"]
     (truth,) = strictly_parsed(gold_photographs / "truth.json")["materials"]
     for value, true, error in zip(found["f0"], truth["f0"], found["stderr"]["f0"], strict=True):
-        assert abs(value - true) < 4 * error + 0.005  # the margin of tests/test_pipeline.py
+        assert abs(value - true) < 4 * error + 0.005  # the margin of tests/fitter/pipeline/test_fit_scene.py
     assert abs(found["alpha"] - truth["alpha"]) < 4 * found["stderr"]["alpha"] + 0.01 * truth["alpha"]
 
 
@@ -339,7 +339,7 @@ def test_ctrl_c_at_the_start_is_as_quiet(gold_photographs, tmp_path, sent):
 def test_ctrl_c_while_the_commands_are_imported_is_quiet(tmp_path):
     """In place of typer, something waits for the signal."""
     (tmp_path / "typer.py").write_text("import time\nprint(end='!', flush=True)\ntime.sleep(60)\n")
-    environment = ENVIRONMENT | {"PYTHONPATH": f"{tmp_path}:{ROOT / 'src'}"}
+    environment = ENVIRONMENT | {"PYTHONPATH": f"{tmp_path}:{SOURCE}"}
     process = subprocess.Popen(
         [sys.executable, "-m", "fit_material", "--help"],
         stdout=subprocess.PIPE,

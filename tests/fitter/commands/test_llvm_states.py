@@ -14,7 +14,7 @@ from pathlib import Path
 import pytest
 
 from fit_material.renderer.backends import llvm
-from tests.support.paths import ROOT
+from tests.support.paths import SOURCE
 
 pytestmark = [pytest.mark.dr_jit, pytest.mark.slow]  # slow for all but `make test-llvm`
 
@@ -25,7 +25,7 @@ def run(*arguments: str | Path, cwd: Path, **environment: str) -> subprocess.Com
     """As a user would, in a process that has to find its compiler itself."""
     undecided = {name: value for name, value in os.environ.items() if name not in (llvm.LIBRARY, llvm.SWITCH)}
     command = [sys.executable, "-m", "fit_material", *map(str, arguments)]
-    undecided |= {"OMP_NUM_THREADS": "1", "PYTHONPATH": str(ROOT)}
+    undecided |= {"OMP_NUM_THREADS": "1", "PYTHONPATH": str(SOURCE)}
     return subprocess.run(command, capture_output=True, text=True, check=False, cwd=cwd, env=undecided | environment)
 
 

@@ -27,7 +27,7 @@ from fit_material.renderer.light_tables import light_table
 from fit_material.renderer.light_tables.light_table import LightTable
 from fit_material.shaders.materials.types import Glossy, Metal
 from tests.support.modelled import Modelled, written
-from tests.support.paths import ROOT
+from tests.support.paths import ROOT, SOURCE
 from tests.support.soft_scene import soft_light
 
 
@@ -148,11 +148,10 @@ assert_roughness_is_open(fitted(Path(sys.argv[1]), "metal"), 0.02)
 
 @pytest.mark.slow  # `make test-arithmetic` does the same for the command
 def test_other_instructions_find_no_roughness_either(tmp_path):
-    root = ROOT
     environment = {
         **os.environ,
         "ATEN_CPU_CAPABILITY": "default",
-        "PYTHONPATH": os.pathsep.join([str(root), str(root / "tests"), os.environ.get("PYTHONPATH", "")]),
+        "PYTHONPATH": os.pathsep.join(map(str, (ROOT, SOURCE))),
     }
     path = scene(tmp_path, "metal", 0.02)
     subprocess.run([sys.executable, "-c", CHILD, str(path)], check=True, env=environment)

@@ -58,7 +58,7 @@ def calls(monkeypatch) -> Counter[str]:
     during("polished_parts")
     count(lighting, "diffuse_table", "diffuse-irradiance")
     count(lighting, "mirror_table", "reflection without blur")
-    count(lighting.transport, "microfacet_table", "blur")
+    count(lighting.light_table, "microfacet_table", "blur")
     count(pixel_model.DirectLight, "of", "lights")
     count(pixel_model.DirectLight, "reflected", "light-reflection")
     count(occlusion.Occluder, "origins", "rays")

@@ -19,6 +19,7 @@ from fit_material.renderer.light_kernel.table import fused_available
 from fit_material.renderer.light_sampling import environment_sampling
 from fit_material.renderer.light_tables import light_table
 from fit_material.renderer.rays.local_frame import frames
+from fit_material.shaders.optics import microfacets
 from tests.renderer.light_sampling.test_environment_sampling import cells, night, shares
 from tests.renderer.light_tables.test_light_table import DISTRIBUTIONS, ball, facing, lit_room, shaded, white
 from tests.support.quadrature import albedo
@@ -112,11 +113,11 @@ def test_lobes_are_those_of_float64(alpha, u1, u2, angle, distribution):
     """The kernel in float32 against `shaders.optics.blur` in float64, of normals that the kernel draws."""
     from drjit.llvm import Float
 
-    from fit_material.renderer.light_kernel import microfacets
+    from fit_material.renderer.light_kernel import microfacets as kernel
 
-    view = microfacets.View(Float(math.sin(angle)), Float(math.cos(angle)))
+    view = kernel.View(Float(math.sin(angle)), Float(math.cos(angle)))
     polar = Float(math.sqrt(u1)), Float(math.sin(2 * math.pi * u2)), Float(math.cos(2 * math.pi * u2))
-    h = microfacets.sample_visible_normals(view, Float(alpha), *polar)
+    h = kernel.sample_visible_normals(view, Float(alpha), *polar)
     cos_v, u1, u2 = (torch.tensor(number, dtype=torch.float64) for number in (math.cos(angle), u1, u2))
     expected = microfacets.sample_visible_normals(cos_v, alpha, u1, u2)
     exact = [float(axis[0]) for axis in (h.x, h.y, h.z)]
@@ -129,9 +130,9 @@ def test_lobes_are_those_of_float64(alpha, u1, u2, angle, distribution):
         return
     cos_h, cos_l = (torch.tensor(cosine, dtype=torch.float64) for cosine in (cos_h, cos_l))
     density = microfacets.visible_normal_density(cos_v, cos_h, alpha).item()
-    assert microfacets.visible_normal_density(view, h, Float(alpha))[0] == pytest.approx(density, rel=1e-4)
+    assert kernel.visible_normal_density(view, h, Float(alpha))[0] == pytest.approx(density, rel=1e-4)
     value = microfacets.reflected(cos_v, cos_l, cos_h, alpha, distribution).item()
-    told = microfacets.reflected(view, Float(cos_l.item()), h, Float(alpha), distribution)[0]
+    told = kernel.reflected(view, Float(cos_l.item()), h, Float(alpha), distribution)[0]
     # tan²/α² of Beckmann's exponent is below 100 wherever D is above 1e-43 of its peak: 100 ulps
     assert told == pytest.approx(value, rel=1e-4, abs=1e-30)
 
