@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import functools
-from collections.abc import Callable, Collection, Sequence
-from dataclasses import replace
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from fit_material.fitter.estimation.background_calibration import nuisances_of
@@ -14,19 +13,20 @@ from fit_material.fitter.estimation.viewer_roughness import viewer_roughness
 from fit_material.fitter.fitted.determinability import seen_by
 from fit_material.fitter.fitted.nuisance_estimates import guessed, turned
 from fit_material.fitter.fitted.part import FittedPart
-from fit_material.fitter.fitted.summary import describe, fitted_material
+from fit_material.fitter.fitted.summary import fitted_material
 from fit_material.fitter.forward.lighting import Setting
 from fit_material.fitter.forward.textured_pixels import SpottedPixels
-from fit_material.fitter.least_squares.solvers import SOLVERS
+from fit_material.fitter.least_squares.nuisances import Nuisances
+from fit_material.fitter.least_squares.solvers import SOLVERS, Solver
 from fit_material.fitter.materials.coordinates import MetalCoordinates
 from fit_material.fitter.metal_prior.substitution import borrow
-from fit_material.fitter.observations.multi_view_points import choose_spots
-from fit_material.fitter.observations.pixel_selection import Observations, choose_pixels
+from fit_material.fitter.observations.pixel_selection import Observations
 from fit_material.fitter.observations.scene_data import Loaded, kinds_of
 from fit_material.fitter.options.fidelity import Fidelity
 from fit_material.fitter.options.fit_options import FitOptions, Prior
 from fit_material.fitter.options.progress import Progress
-from fit_material.fitter.result.schema import FittedMaterial, Nearest
+from fit_material.fitter.pipeline.pixel_request import PixelRequest, PixelsByCount
+from fit_material.fitter.result.schema import Nearest
 from fit_material.fitter.uncertainty.active_bound import reported
 from fit_material.renderer.rays.gbuffer import Tracer
 from fit_material.shaders.materials.quantities import MaterialType
@@ -56,42 +56,28 @@ def fit_parts(
     """
     types = kinds_of(loaded, options) if kinds is None else kinds
     nuisances = nuisances_of(loaded, trace)
-
-    @functools.cache
-    def chosen(count: int) -> list[Observations | None]:
-        def by(choose: Callable[..., list[Observations | None]]) -> list[Observations | None]:
-            return choose(
-                loaded.photographs,
-                trace,
-                scene_file,
-                count=count,
-                footprint=setting.fidelity.footprint,
-                seed=options.seed,
-                materials=len(loaded.materials),
-                left_out=loaded.repeated,
-                kept=kept,
-                progress=lambda share: progress("choosing pixels", share),
-            )
-
-        if "color" not in options.maps:
-            return by(choose_pixels)
-        spots = by(choose_spots)
-        if None not in spots:
-            return spots
-        return [spot or pixels for spot, pixels in zip(spots, by(choose_pixels), strict=True)]
-
-    def problem_at(fidelity: Fidelity, index: int) -> Problem:
-        observed, label = chosen(fidelity.pixels)[index], _labelled(progress, loaded.materials[index], len(seen))
-        assert observed is not None
-        light = replace(setting, fidelity=fidelity)
-        return Problem(observed, light, SOLVERS[options.solver], label, nuisances=nuisances)
-
-    seen = chosen(_first_count(setting.fidelity, options.tolerance))
-    return [
-        _fitted_part(index, functools.partial(problem_at, index=index), loaded, setting.fidelity, options, types[index])
-        for index, observed in enumerate(seen)
-        if observed is not None
-    ]
+    request = PixelRequest(
+        photographs=loaded.photographs,
+        trace=trace,
+        scene_file=scene_file,
+        materials=len(loaded.materials),
+        footprint=setting.fidelity.footprint,
+        seed=options.seed,
+        left_out=loaded.repeated,
+        kept=kept,
+        by_points="color" in options.maps,
+        progress=lambda share: progress("choosing pixels", share),
+    )
+    pixels = PixelsByCount(request)
+    parts = []
+    for index, observed in enumerate(pixels.of(_first_count(setting.fidelity, options.tolerance))):
+        if observed is None:
+            continue
+        label = _labelled(progress, loaded.materials[index], len(loaded.materials))
+        problems = _Problems(pixels, index, setting, SOLVERS[options.solver], label, nuisances)
+        name, kind = loaded.materials[index], types[index]
+        parts.append(_fitted_part(index, name, problems, kind, options.tolerance, options.prior))
+    return parts
 
 
 def _first_count(fidelity: Fidelity, tolerance: float | None) -> int:
@@ -103,24 +89,50 @@ def _first_count(fidelity: Fidelity, tolerance: float | None) -> int:
     return FIRST_PIXELS
 
 
+@dataclass(frozen=True)
+class _Problems:
+    """The least-squares problems of one material, with as many pixels and as exact light as a fidelity says.
+
+    Attributes:
+        pixels: of all materials.
+        index: of the material among the mesh's.
+        setting: the light; its fidelity is the one asked for.
+        solver, progress, nuisances: as of `Problem`.
+    """
+
+    pixels: PixelsByCount
+    index: int
+    setting: Setting
+    solver: Solver
+    progress: Progress
+    nuisances: Nuisances | None
+
+    def at(self, fidelity: Fidelity) -> Problem:
+        """The problem at a fidelity."""
+        observed = self.pixels.of(fidelity.pixels)[self.index]
+        assert observed is not None
+        light = replace(self.setting, fidelity=fidelity)
+        return Problem(observed, light, self.solver, self.progress, nuisances=self.nuisances)
+
+
 def _fitted_part(
     index: int,
-    problem_at: Callable[[Fidelity], Problem],
-    loaded: Loaded,
-    fidelity: Fidelity,
-    options: FitOptions,
+    name: str,
+    problems: _Problems,
     kind: MaterialType | None,
+    tolerance: float | None,
+    prior: Prior,
 ) -> FittedPart:
     """One material: by the fidelity, or by as much of it as a tolerance takes."""
-    name = loaded.materials[index]
-    if options.tolerance is None:
-        problem = problem_at(fidelity)
-        return _part(index, name, problem.observed, fit_type(problem, kind), problem.setting, options.prior)
+    fidelity = problems.setting.fidelity
+    if tolerance is None:
+        problem = problems.at(fidelity)
+        return _part(index, name, problem.observed, fit_type(problem, kind), problem.setting, prior)
     from fit_material.fitter.uncertainty.tolerance import ascend
 
-    ascent = ascend(problem_at, fidelity, kind, options.tolerance)
+    ascent = ascend(problems.at, fidelity, kind, tolerance)
     problem = ascent.problem
-    return _part(index, name, problem.observed, ascent.choice, problem.setting, options.prior).by(ascent)
+    return _part(index, name, problem.observed, ascent.choice, problem.setting, prior).by(ascent)
 
 
 def polished_parts(
@@ -133,9 +145,7 @@ def polished_parts(
 
     def again(part: FittedPart) -> FittedPart:
         if found[part.index].type != "metal":
-            return replace(
-                part, told=f"{part.told} Mitsuba's paths are traced for metals alone, and left it as it was."
-            )
+            return part.remarked("Mitsuba's paths are traced for metals alone, and left it as it was.")
         label = _labelled(progress, part.material.name, len(parts))
         unhindered = replace(part.setting, occluder=None)  # what the object hides, the paths know
         few = part.observed[:: -(-len(part.observed.radiance) // MOST_TRACED)]
@@ -177,8 +187,4 @@ def _part(index: int, name: str, observed: Observations, choice: Choice, setting
     borrowed = borrow(fit, uncertainty, prior)
     material = fitted_material(name, fit, uncertainty, rho, nearest, borrowed)
     seen = seen_by(fit, observed, guessed(fit, uncertainty))
-
-    def described(material: FittedMaterial) -> str:
-        return describe(choice, material, seen, borrowed)
-
-    return FittedPart(index, observed, choice, uncertainty, material, described(material), setting, described)
+    return FittedPart(index, observed, choice, uncertainty, material, setting, seen, borrowed)

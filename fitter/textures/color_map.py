@@ -55,7 +55,7 @@ def _with_color_map(
 ) -> FittedPart:
     """The part with its texture, in the light that parts with theirs and without send it."""
     if part.material.type == "metal":
-        return replace(part, told=f"{part.told} Metals have no body to be coloured, and no colour map.")
+        return part.remarked("Metals have no body to be coloured, and no colour map.")
     assert isinstance(loaded.shape, Mesh)
     progress("colour map", 0)
     where = (loaded.photographs, trace, sorted(loaded.repeated))
@@ -76,16 +76,15 @@ def _with_color_map(
             made = _color_map(part, found, light, layout) or made
         effects, counted = effects | {"interreflection"}, _on_returned(found, light)
     setting = replace(part.setting, color_map=_tint(part, made), received=light, effects=effects)
-    part = part.renumbered(_recolored(part.material, made))
-    told = f"{part.told} {_on_spots(part)}{made.sentence}{counted}{_on_overlaps(loaded.shape, part.index, layout)}"
-    return replace(part, setting=setting, told=told, color_map=made)
+    part = replace(part, material=_recolored(part.material, made), setting=setting, color_map=made)
+    return part.remarked(f"{_on_spots(part)}{made.sentence}{counted}{_on_overlaps(loaded.shape, part.index, layout)}")
 
 
 def _unmapped(part: FittedPart, why: str) -> FittedPart:
     """The part without a map, whose even colour is that of some places alone."""
     known = part.material.determined.model_copy(update={"color": (False, False, False)})
-    part = part.renumbered(part.material.model_copy(update={"determined": known}))
-    return replace(part, told=f"{part.told} {why}: there is no colour map of it, and its colour is some places' mean.")
+    part = replace(part, material=part.material.model_copy(update={"determined": known}))
+    return part.remarked(f"{why}: there is no colour map of it, and its colour is some places' mean.")
 
 
 def _color_map(
