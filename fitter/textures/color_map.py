@@ -14,7 +14,6 @@ from fit_material.fitter.fitted.part import FittedPart
 from fit_material.fitter.fitted.planned import PlannedFit
 from fit_material.fitter.forward.received_light import Albedo, DiffuseLight, Met
 from fit_material.fitter.observations.scene_data import Loaded
-from fit_material.fitter.options.fit_options import FitOptions
 from fit_material.fitter.options.progress import Progress
 from fit_material.fitter.result.schema import FittedMaterial, Intervals
 from fit_material.fitter.textures.radiosity import DARK
@@ -34,12 +33,20 @@ LEAST_MEAN = 1e-3  # of a channel's texels, below which a tint would only be rou
 
 
 def with_color_maps(
-    planned: PlannedFit, loaded: Loaded, trace: Tracer, options: FitOptions, progress: Progress
+    planned: PlannedFit, loaded: Loaded, trace: Tracer, progress: Progress, *, seed: int, interreflection: bool
 ) -> PlannedFit:
-    """The fit with the textures of its parts' bodies; those of metal as they were."""
+    """The fit with the textures of its parts' bodies; those of metal as they were.
+
+    Args:
+        planned: the fit.
+        loaded, trace: its scene.
+        progress: told the stage and its share done.
+        seed: of the places from which light is sent.
+        interreflection: whether to count light that the object sends itself.
+    """
     parts, plan = list(planned.parts), planned.plan
     for place, part in enumerate(parts):
-        parts[place] = _with_color_map(part, parts, loaded, trace, options, progress)
+        parts[place] = _with_color_map(part, parts, loaded, trace, progress, seed, interreflection)
     if any("interreflection" in part.setting.effects for part in parts if part.color_map is not None):
         plan = plan.with_on("interreflection", "colour maps count it, as diffuse light")
     return replace(planned, parts=parts, plan=plan)
@@ -50,8 +57,9 @@ def _with_color_map(
     parts: Sequence[FittedPart],
     loaded: Loaded,
     trace: Tracer,
-    options: FitOptions,
     progress: Progress,
+    seed: int,
+    interreflection: bool,
 ) -> FittedPart:
     """The part with its texture, in the light that parts with theirs and without send it."""
     if part.material.type == "metal":
@@ -59,7 +67,7 @@ def _with_color_map(
     assert isinstance(loaded.shape, Mesh)
     progress("colour map", 0)
     where = (loaded.photographs, trace, sorted(loaded.repeated))
-    places = radiosity_on(part, *where, "interreflection" not in options.unwanted, options.seed)
+    places = radiosity_on(part, *where, interreflection, seed)
     found = rows(part, *where, places, lambda share: progress("colour map", share))
     if not any((each.area > 0).any() for each in found):
         return _unmapped(part, "Its faces have no texture coordinates, or such as cover no area")
