@@ -70,7 +70,7 @@ def fit_scene(
     allowed = require_room_for_outputs(loaded, scene_file, final, options)
     read = time.perf_counter()
     if options.solver == "lm":
-        compiling().add_done_callback(_load_plotting)
+        compiling()  # in a thread of its own, beside all that comes before the first solution
     with one_thread_per_operation(), replaced_together(out, replaceable=allowed, size=SIZE) as folder:
         scene = _Scene(scene_file, loaded, loaded.tracer())
         warnings = _check(scene, options.seed, progress, warn) if options.check else []
@@ -116,12 +116,6 @@ def _load(scene_file: Path, options: FitOptions, progress: Progress) -> Loaded:
         if is_asked:
             require_known(loaded.scene, scene_file, f"beside {option}: those that a fit without it has found")
     return loaded
-
-
-def _load_plotting(_: object) -> None:
-    """What the report will need for half a second, in the thread that has just compiled, beside the search."""
-    import matplotlib.backends.backend_svg  # noqa: F401
-    from skimage.metrics import structural_similarity  # noqa: F401
 
 
 def _check(scene: _Scene, seed: int, progress: Progress, warn: Callable[[str], None]) -> list[str]:
