@@ -38,7 +38,7 @@ from fit_material.renderer.path_tracing import differentiable_scene
 from fit_material.renderer.path_tracing.differentiable_scene import DifferentiableScene, Radiance
 from fit_material.renderer.rays.gbuffer import GBuffer
 from fit_material.shaders.materials.quantities import MaterialType
-from fit_material.shaders.materials.types import Material, Metal, material_type
+from fit_material.shaders.materials.types import Material, Metal
 from fit_material.shaders.optics import fresnel
 from fit_material.shaders.optics.microfacets import Distribution
 
@@ -257,11 +257,6 @@ def _metal(fit: Fit) -> Metal:
 def _as_metal(material: Material) -> Metal:
     assert isinstance(material, Metal)
     return material
-
-
-def is_traced(kind: str) -> bool:
-    """Whether paths are traced for a type of material: for those that have a surface alone."""
-    return not material_type(kind).has_body
 
 
 def require_polishable(fidelity: Fidelity) -> None:

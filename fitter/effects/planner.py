@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 from fit_material.fitter.effects.effect_measurement import Measurement, Sample, possible
-from fit_material.fitter.effects.interreflection import is_traced, require_polishable
 from fit_material.fitter.effects.plan import Change, Plan, planned
 from fit_material.fitter.effects.plan_rules import Facts
 from fit_material.fitter.forward.lighting import Setting
@@ -20,7 +19,7 @@ from fit_material.renderer.rays.gbuffer import Tracer
 from fit_material.renderer.rays.occlusion import Occluder, occluder
 from fit_material.shaders.effects import NAMES
 from fit_material.shaders.materials.quantities import MaterialType
-from fit_material.shaders.materials.types import Material
+from fit_material.shaders.materials.types import Material, material_type
 
 TOLERANCE = 0.01
 """Relative change of a pixel from which an effect is called for, where no --tolerance was asked for."""
@@ -121,10 +120,17 @@ def spared(free: float) -> str | None:
     return f"{free:.1%} of the pixels mirror nothing of it, which is enough" if free * FEWEST >= 1 else None
 
 
+def is_traced(kind: str) -> bool:
+    """Whether paths are traced for a type of material: for those that have a surface alone."""
+    return not material_type(kind).has_body
+
+
 def _untraced(types: frozenset[str], fidelity: Fidelity) -> str | None:
     """Why no paths can be traced; finds out by loading Mitsuba, which takes a second."""
     if not any(map(is_traced, types)):
         return "paths are traced for metals alone"
+    from fit_material.fitter.effects.interreflection import require_polishable
+
     try:
         require_polishable(fidelity)
     except InputError as error:

@@ -10,7 +10,7 @@ import torch
 from fit_material.fitter.estimation.coarse_to_fine import Fit
 from fit_material.fitter.least_squares.noise import darkest
 from fit_material.fitter.materials.coordinates import Coordinates
-from fit_material.fitter.metal_prior.mixture_posterior import Borrowed, TooFar
+from fit_material.fitter.metal_prior.borrowed import Borrowed, TooFar
 from fit_material.fitter.observations.pixel_selection import Observations
 from fit_material.fitter.result.schema import CHANNELS, FittedMaterial
 

@@ -10,17 +10,20 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from fit_material.fitter.effects.interreflection import Polish
 from fit_material.fitter.estimation.model_selection import Choice
+from fit_material.fitter.fitted.determinability import Seen
+from fit_material.fitter.fitted.summary import describe
 from fit_material.fitter.forward.lighting import Setting
 from fit_material.fitter.least_squares.covariance import Spread
+from fit_material.fitter.metal_prior.borrowed import Borrowed, TooFar
 from fit_material.fitter.observations.pixel_selection import Observations
 from fit_material.fitter.result.schema import FittedMaterial, Tolerance
-from fit_material.fitter.uncertainty.tolerance import Ascent
 from fit_material.renderer.rays.gbuffer import GBuffer
 
 if TYPE_CHECKING:
+    from fit_material.fitter.effects.interreflection import Polish
     from fit_material.fitter.fitted.color_texture import ColorMap
+    from fit_material.fitter.uncertainty.tolerance import Ascent
 
 
 @dataclass(frozen=True)
@@ -33,9 +36,10 @@ class FittedPart:
         choice: its fit.
         spread: covariance of the fit's free vector.
         material: the numbers to report.
-        told: the same in sentences.
         setting: the light, and how accurately it was computed.
-        described: the fit in sentences, by its numbers.
+        seen: what the photographs offered to the fit.
+        borrowed: n and k as known metals suggest them, or why none do; None where that was not asked.
+        remarks: what else there is to say of the fit, in sentences, in the order in which it came up.
         ascent: to the tolerance asked for; None where none was.
         polish: with Mitsuba's paths; None where there was none.
         color_map: the texture of the body; None where it is taken for even.
@@ -46,9 +50,10 @@ class FittedPart:
     choice: Choice
     spread: Spread
     material: FittedMaterial
-    told: str
     setting: Setting
-    described: Callable[[FittedMaterial], str]
+    seen: Seen
+    borrowed: Borrowed | TooFar | None = None
+    remarks: tuple[str, ...] = ()
     ascent: Ascent | None = None
     polish: Polish | None = None
     color_map: ColorMap | None = None
@@ -58,14 +63,18 @@ class FittedPart:
         """How the tolerance asked for was met; None where none was."""
         return None if self.ascent is None else self.ascent.record(self.material.name)
 
-    def renumbered(self, material: FittedMaterial) -> FittedPart:
-        """The same with other numbers, of which the sentences then are."""
-        rest = self.told.removeprefix(self.described(self.material))
-        return replace(self, material=material, told=f"{self.described(material)}{rest}")
+    @property
+    def told(self) -> str:
+        """The fit in sentences, by its numbers, and the remarks."""
+        return " ".join([describe(self.choice, self.material, self.seen, self.borrowed), *self.remarks])
+
+    def remarked(self, sentences: str) -> FittedPart:
+        """The same with one remark more."""
+        return replace(self, remarks=(*self.remarks, sentences))
 
     def by(self, ascent: Ascent) -> FittedPart:
         """The same, and how a tolerance was met."""
-        return replace(self, told=f"{self.told} {ascent.sentence}", ascent=ascent)
+        return replace(self.remarked(ascent.sentence), ascent=ascent)
 
 
 def painted(

@@ -10,7 +10,7 @@ from fit_material.fitter.estimation.model_selection import DECISIVE, Choice
 from fit_material.fitter.estimation.viewer_roughness import RHO_PER_ALPHA, ViewerRoughness
 from fit_material.fitter.fitted.determinability import Seen, on_the_prior, sees_f0_only, verdicts
 from fit_material.fitter.least_squares.covariance import Spread, is_determined
-from fit_material.fitter.metal_prior.mixture_posterior import Borrowed, TooFar
+from fit_material.fitter.metal_prior.borrowed import Borrowed, TooFar
 from fit_material.fitter.metal_prior.substitution import from_prior, with_prior
 from fit_material.fitter.result.schema import (
     CHANNELS,

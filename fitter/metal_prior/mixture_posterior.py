@@ -11,6 +11,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
+from fit_material.fitter.metal_prior.borrowed import Borrowed, TooFar, Triple
 from fit_material.fitter.metal_prior.catalogue_distribution import Expected, Shape, expectations
 from fit_material.fitter.metal_prior.likelihood import Likelihood, indices
 from fit_material.fitter.uncertainty.estimates import Measured
@@ -21,33 +22,6 @@ TOO_FAR = 0.0027  # chance of a metal's own photographs to lie as far from it: t
 DRAWS = 2000  # of each metal's posterior: its quantiles to 1 % of a standard deviation
 DEGREES_OF_FREEDOM = 4  # of the t distribution they are drawn from: heavier tails than those of the posterior
 LEAST_SHARE = 0.05  # of a metal worth naming
-
-
-Triple = tuple[Measured, Measured, Measured]
-
-
-@dataclass(frozen=True)
-class TooFar:
-    """The nearest known metal, and its distance in standard deviations, where none is near enough to be a prior."""
-
-    nearest: str
-    distance: float
-
-
-@dataclass(frozen=True)
-class Borrowed:
-    """n and k as known metals suggest them.
-
-    Attributes:
-        metals: those they come from, with their shares, the greatest first.
-        n, k: per channel; at the fitted F0.
-        refused: why the catalogue did not serve as a prior where it was asked for.
-    """
-
-    metals: tuple[tuple[str, float], ...]
-    n: Triple
-    k: Triple
-    refused: TooFar | None = None
 
 
 def catalogue_prior(

@@ -12,9 +12,7 @@ from torch import Tensor
 from fit_material.fitter.estimation.coarse_to_fine import Fit
 from fit_material.fitter.least_squares.covariance import Spread
 from fit_material.fitter.materials.coordinates import MetalCoordinates
-from fit_material.fitter.metal_prior.catalogue_distribution import shape_of
-from fit_material.fitter.metal_prior.likelihood import indices, likelihood
-from fit_material.fitter.metal_prior.mixture_posterior import Borrowed, TooFar, Triple, catalogue_prior
+from fit_material.fitter.metal_prior.borrowed import Borrowed, TooFar, Triple
 from fit_material.fitter.options.fit_options import Prior
 from fit_material.fitter.result.schema import FromPrior
 from fit_material.fitter.uncertainty.estimates import Measured
@@ -34,14 +32,24 @@ def borrow(fit: Fit, spread: Spread, prior: Prior) -> Borrowed | TooFar | None:
     coordinates = fit.residuals.coordinates
     if not isinstance(coordinates, MetalCoordinates):
         return None
-    found = catalogue_prior(likelihood(fit, spread)) if prior == "catalogue" else None
+    found = _of_catalogue(fit, spread) if prior == "catalogue" else None
     if coordinates.tint is None or isinstance(found, Borrowed):
         return found
     return _of_nearest_color(fit.x, found)
 
 
+def _of_catalogue(fit: Fit, spread: Spread) -> Borrowed | TooFar:
+    from fit_material.fitter.metal_prior.likelihood import likelihood
+    from fit_material.fitter.metal_prior.mixture_posterior import catalogue_prior
+
+    return catalogue_prior(likelihood(fit, spread))
+
+
 def _of_nearest_color(x: Float[Tensor, " x"], refused: TooFar | None) -> Borrowed:
     """The pair at the fitted F0 with the tint of the metal that has the nearest F0."""
+    from fit_material.fitter.metal_prior.catalogue_distribution import shape_of
+    from fit_material.fitter.metal_prior.likelihood import indices
+
     f0, metals = torch.sigmoid(x[:3]), read_catalogue()
     distance = [float((shape_of(metal)[:3].sigmoid() - f0).norm()) for metal in metals]
     nearest = metals[distance.index(min(distance))]

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import functools
-from collections.abc import Callable, Collection, Sequence
-from dataclasses import replace
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
 
-from fit_material.fitter.effects.interreflection import is_traced, polish_scene, polished
+from fit_material.fitter.effects.planner import is_traced
 from fit_material.fitter.estimation.background_calibration import nuisances_of
 from fit_material.fitter.estimation.model_selection import Choice, fit_type
 from fit_material.fitter.estimation.problem import Problem
@@ -16,28 +14,23 @@ from fit_material.fitter.estimation.viewer_roughness import viewer_roughness
 from fit_material.fitter.fitted.determinability import seen_by
 from fit_material.fitter.fitted.nuisance_estimates import guessed, turned
 from fit_material.fitter.fitted.part import FittedPart
-from fit_material.fitter.fitted.summary import describe, fitted_material
+from fit_material.fitter.fitted.summary import fitted_material
 from fit_material.fitter.forward.lighting import Setting
 from fit_material.fitter.forward.textured_pixels import SpottedPixels
-from fit_material.fitter.least_squares.solvers import SOLVERS
+from fit_material.fitter.least_squares.nuisances import Nuisances
+from fit_material.fitter.least_squares.solvers import SOLVERS, Solver
 from fit_material.fitter.materials.coordinates import MetalCoordinates
-from fit_material.fitter.metal_prior.nearest_metals import nearest_metals
 from fit_material.fitter.metal_prior.substitution import borrow
-from fit_material.fitter.observations.multi_view_points import choose_spots
-from fit_material.fitter.observations.pixel_selection import Observations, choose_pixels
+from fit_material.fitter.observations.pixel_selection import Observations
 from fit_material.fitter.observations.scene_data import Loaded, kinds_of
 from fit_material.fitter.options.fidelity import Fidelity
 from fit_material.fitter.options.fit_options import FitOptions, Prior
 from fit_material.fitter.options.progress import Progress
-from fit_material.fitter.result.schema import FittedMaterial
+from fit_material.fitter.pipeline.pixel_request import PixelRequest, PixelsByCount
+from fit_material.fitter.result.schema import Nearest
 from fit_material.fitter.uncertainty.active_bound import reported
-from fit_material.fitter.uncertainty.tolerance import FIRST_PIXELS, ascend
 from fit_material.renderer.rays.gbuffer import Tracer
 from fit_material.shaders.materials.quantities import MaterialType
-
-if TYPE_CHECKING:
-    pass
-
 
 MOST_TRACED = 4000  # pixels, of which paths take a minute or two; what they leave uncertain in F0 is a thousandth
 
@@ -63,73 +56,96 @@ def fit_parts(
     """
     types = kinds_of(loaded, options) if kinds is None else kinds
     nuisances = nuisances_of(loaded, trace)
+    request = PixelRequest(
+        photographs=loaded.photographs,
+        trace=trace,
+        scene_file=scene_file,
+        materials=len(loaded.materials),
+        footprint=setting.fidelity.footprint,
+        seed=options.seed,
+        left_out=loaded.repeated,
+        kept=kept,
+        by_points="color" in options.maps,
+        progress=lambda share: progress("choosing pixels", share),
+    )
+    pixels = PixelsByCount(request)
+    parts = []
+    for index, observed in enumerate(pixels.of(_first_count(setting.fidelity, options.tolerance))):
+        if observed is None:
+            continue
+        label = _labelled(progress, loaded.materials[index], len(loaded.materials))
+        problems = _Problems(pixels, index, setting, SOLVERS[options.solver], label, nuisances)
+        name, kind = loaded.materials[index], types[index]
+        parts.append(_fitted_part(index, name, problems, kind, options.tolerance, options.prior))
+    return parts
 
-    @functools.cache
-    def chosen(count: int) -> list[Observations | None]:
-        def by(choose: Callable[..., list[Observations | None]]) -> list[Observations | None]:
-            return choose(
-                loaded.photographs,
-                trace,
-                scene_file,
-                count=count,
-                footprint=setting.fidelity.footprint,
-                seed=options.seed,
-                materials=len(loaded.materials),
-                left_out=loaded.repeated,
-                kept=kept,
-                progress=lambda share: progress("choosing pixels", share),
-            )
 
-        if "color" not in options.maps:
-            return by(choose_pixels)
-        spots = by(choose_spots)
-        if None not in spots:
-            return spots
-        return [spot or pixels for spot, pixels in zip(spots, by(choose_pixels), strict=True)]
+def _first_count(fidelity: Fidelity, tolerance: float | None) -> int:
+    """Pixels of the first fit."""
+    if tolerance is None:
+        return fidelity.pixels
+    from fit_material.fitter.uncertainty.tolerance import FIRST_PIXELS
 
-    def problem_at(fidelity: Fidelity, index: int) -> Problem:
-        observed, label = chosen(fidelity.pixels)[index], _labelled(progress, loaded.materials[index], len(seen))
+    return FIRST_PIXELS
+
+
+@dataclass(frozen=True)
+class _Problems:
+    """The least-squares problems of one material, with as many pixels and as exact light as a fidelity says.
+
+    Attributes:
+        pixels: of all materials.
+        index: of the material among the mesh's.
+        setting: the light; its fidelity is the one asked for.
+        solver, progress, nuisances: as of `Problem`.
+    """
+
+    pixels: PixelsByCount
+    index: int
+    setting: Setting
+    solver: Solver
+    progress: Progress
+    nuisances: Nuisances | None
+
+    def at(self, fidelity: Fidelity) -> Problem:
+        """The problem at a fidelity."""
+        observed = self.pixels.of(fidelity.pixels)[self.index]
         assert observed is not None
-        light = replace(setting, fidelity=fidelity)
-        return Problem(observed, light, SOLVERS[options.solver], label, nuisances=nuisances)
-
-    seen = chosen(setting.fidelity.pixels if options.tolerance is None else FIRST_PIXELS)
-    return [
-        _fitted_part(index, functools.partial(problem_at, index=index), loaded, setting.fidelity, options, types[index])
-        for index, observed in enumerate(seen)
-        if observed is not None
-    ]
+        light = replace(self.setting, fidelity=fidelity)
+        return Problem(observed, light, self.solver, self.progress, nuisances=self.nuisances)
 
 
 def _fitted_part(
     index: int,
-    problem_at: Callable[[Fidelity], Problem],
-    loaded: Loaded,
-    fidelity: Fidelity,
-    options: FitOptions,
+    name: str,
+    problems: _Problems,
     kind: MaterialType | None,
+    tolerance: float | None,
+    prior: Prior,
 ) -> FittedPart:
     """One material: by the fidelity, or by as much of it as a tolerance takes."""
-    name = loaded.materials[index]
-    if options.tolerance is None:
-        problem = problem_at(fidelity)
-        return _part(index, name, problem.observed, fit_type(problem, kind), problem.setting, options.prior)
-    ascent = ascend(problem_at, fidelity, kind, options.tolerance)
+    fidelity = problems.setting.fidelity
+    if tolerance is None:
+        problem = problems.at(fidelity)
+        return _part(index, name, problem.observed, fit_type(problem, kind), problem.setting, prior)
+    from fit_material.fitter.uncertainty.tolerance import ascend
+
+    ascent = ascend(problems.at, fidelity, kind, tolerance)
     problem = ascent.problem
-    return _part(index, name, problem.observed, ascent.choice, problem.setting, options.prior).by(ascent)
+    return _part(index, name, problem.observed, ascent.choice, problem.setting, prior).by(ascent)
 
 
 def polished_parts(
     loaded: Loaded, parts: Sequence[FittedPart], options: FitOptions, progress: Progress
 ) -> list[FittedPart]:
     """The metals again, each in the light that the others send it; the rest as it was."""
+    from fit_material.fitter.effects.interreflection import polish_scene, polished
+
     found = {part.index: part.choice.fit.material for part in parts}
 
     def again(part: FittedPart) -> FittedPart:
         if not is_traced(found[part.index].type):
-            return replace(
-                part, told=f"{part.told} Mitsuba's paths are traced for metals alone, and left it as it was."
-            )
+            return part.remarked("Mitsuba's paths are traced for metals alone, and left it as it was.")
         label = _labelled(progress, part.material.name, len(parts))
         unhindered = replace(part.setting, occluder=None)  # what the object hides, the paths know
         few = part.observed[:: -(-len(part.observed.radiance) // MOST_TRACED)]
@@ -156,7 +172,11 @@ def _part(index: int, name: str, observed: Observations, choice: Choice, setting
     choice = replace(choice, fit=fit)
     setting = turned(setting, fit)
     coordinates = fit.residuals.coordinates
-    nearest = nearest_metals(fit.x, coordinates, uncertainty) if isinstance(coordinates, MetalCoordinates) else ()
+    nearest: tuple[Nearest, ...] = ()
+    if isinstance(coordinates, MetalCoordinates):
+        from fit_material.fitter.metal_prior.nearest_metals import nearest_metals
+
+        nearest = nearest_metals(fit.x, coordinates, uncertainty)
     rho = None
     if not setting.fidelity.blurs and fit.material.roughness is not None:
         model = fit.residuals.model
@@ -167,8 +187,4 @@ def _part(index: int, name: str, observed: Observations, choice: Choice, setting
     borrowed = borrow(fit, uncertainty, prior)
     material = fitted_material(name, fit, uncertainty, rho, nearest, borrowed)
     seen = seen_by(fit, observed, guessed(fit, uncertainty))
-
-    def described(material: FittedMaterial) -> str:
-        return describe(choice, material, seen, borrowed)
-
-    return FittedPart(index, observed, choice, uncertainty, material, described(material), setting, described)
+    return FittedPart(index, observed, choice, uncertainty, material, setting, seen, borrowed)

@@ -1,54 +1,40 @@
-"""From a scene file to a result on disk: what `fit-material fit` does, without command line or printing."""
+"""From a scene file to a result on disk: what `fit-material fit` does, without command line or printing.
+
+The stages, each from values to values: load, check, refine, fit, texture, describe, write. The last alone writes files.
+"""
 
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import torch
 
-from fit_material.fitter.effects.interreflection import require_polishable
-from fit_material.fitter.export.mtl import ordinary_mtl, thesis_mtl
-from fit_material.fitter.fitted.limitations import caveats
-from fit_material.fitter.fitted.nuisance_estimates import Beside, found_beside
-from fit_material.fitter.fitted.part import FittedPart, painted
 from fit_material.fitter.fitted.planned import PlannedFit
-from fit_material.fitter.fitted.summary import status_of
 from fit_material.fitter.forward.lighting import setting_of
 from fit_material.fitter.least_squares.nuisances import require_known
 from fit_material.fitter.least_squares.solvers import compiling
-from fit_material.fitter.observations.photograph import known_exposure
-from fit_material.fitter.observations.scene_data import Loaded, load
-from fit_material.fitter.options.fidelity import Fidelity
+from fit_material.fitter.observations.scene_data import Loaded, kinds_of, load
 from fit_material.fitter.options.fit_options import FitOptions
 from fit_material.fitter.options.progress import Progress
-from fit_material.fitter.pipeline.option_checks import require_consistent
+from fit_material.fitter.pipeline.describe_fit import Clock, DescribedFit, FittedScene, describe_fit
+from fit_material.fitter.pipeline.map_files import with_map_names
+from fit_material.fitter.pipeline.option_checks import require_consistent, require_mappable
 from fit_material.fitter.pipeline.output_files import SIZE, require_room_for_outputs
 from fit_material.fitter.pipeline.planned_fit import fit_planned
-from fit_material.fitter.poses.refinement import RefinedPoses, pose_fidelity, refine_poses
-from fit_material.fitter.poses.transforms_file import transforms_json
-from fit_material.fitter.report import image_quality
-from fit_material.fitter.report.effect_pictures import strips
-from fit_material.fitter.report.image_quality import ViewPictures
-from fit_material.fitter.report.outlier_map import OutlierMap, outlier_maps, outlier_sentences
-from fit_material.fitter.report.pictures import map_pictures
-from fit_material.fitter.report.reflectance_curve import Curve, reflectance_curve
-from fit_material.fitter.report.report import comparison_png, render_report
-from fit_material.fitter.result.schema import Effect, Model, Result, Time, write_result
+from fit_material.fitter.result.schema import Result, write_result
 from fit_material.fitter.result.written_files import outputs_of
-from fit_material.fitter.textures.color_map import require_mappable, with_color_maps, with_written_maps
 from fit_material.renderer.compute.devices import torch_device
 from fit_material.renderer.compute.threads import one_thread_per_operation
 from fit_material.renderer.errors.input_error import InputError
 from fit_material.renderer.files.atomic import replaced_together, write_bytes_atomically, write_text_atomically
-from fit_material.renderer.rays.gbuffer import GBuffer, Tracer
-from fit_material.renderer.rays.picture import draw
-from fit_material.shaders.materials.fresnel_models import REFLECTANCES
+from fit_material.renderer.rays.gbuffer import Tracer
 
-SHOWN_SAMPLES = 128  # directions per pixel of the report's pictures, at most; their noise is in `quality`
-SHOWN_FOOTPRINT = 2
+if TYPE_CHECKING:
+    from fit_material.fitter.poses.refinement import RefinedPoses
 
 
 def fit_scene(
@@ -79,8 +65,49 @@ def fit_scene(
     """
     began = time.perf_counter() if begun is None else begun
     device = torch_device(options.device)
+    loaded = _load(scene_file, options, progress)
+    final = out if target is None else target
+    allowed = require_room_for_outputs(loaded, scene_file, final, options)
+    read = time.perf_counter()
+    if options.solver == "lm":
+        compiling()  # in a thread of its own, beside all that comes before the first solution
+    with one_thread_per_operation(), replaced_together(out, replaceable=allowed, size=SIZE) as folder:
+        scene = _Scene(scene_file, loaded, loaded.tracer())
+        warnings = _check(scene, options.seed, progress, warn) if options.check else []
+        setting = setting_of(scene.loaded, options, device)
+        scene = _refine(scene, options, device, progress) if options.refine_pose else scene
+        planned = fit_planned(scene.loaded, scene.trace, setting, options, progress, scene_file)
+        planned = _texture(planned, scene, options, progress) if "color" in options.maps else planned
+        solving = sum(part.choice.fit.solve_seconds for part in planned.parts)
+        clock = Clock(began, read, time.perf_counter(), scene.loaded.photographs.seconds, solving)
+        progress("writing the report", 0)
+        fitted = FittedScene(scene.loaded, scene.trace, planned, scene.refined, warnings)
+        return _write(describe_fit(fitted, clock, options.command), folder, final, clock)
+
+
+@dataclass(frozen=True)
+class _Scene:
+    """A scene that was read.
+
+    Attributes:
+        file: `scene.toml`.
+        loaded: what it says and names, its cameras where they are taken to stand.
+        trace: rays at its object.
+        refined: how the cameras were moved; None where they were not.
+    """
+
+    file: Path
+    loaded: Loaded
+    trace: Tracer
+    refined: RefinedPoses | None = None
+
+
+def _load(scene_file: Path, options: FitOptions, progress: Progress) -> Loaded:
+    """The scene, once it is known that the options go together, and with it."""
     require_consistent(options)
     if options.polish or "interreflection" in options.wanted:
+        from fit_material.fitter.effects.interreflection import require_polishable
+
         require_polishable(options.fidelity)
     progress("reading", 0)
     loaded = load(scene_file)
@@ -88,123 +115,17 @@ def fit_scene(
     for option, is_asked in (("--maps", options.maps), ("--refine-pose", options.refine_pose)):
         if is_asked:
             require_known(loaded.scene, scene_file, f"beside {option}: those that a fit without it has found")
-    final = out if target is None else target
-    allowed = require_room_for_outputs(loaded, scene_file, final, options)
-    read = time.perf_counter()
-    if options.solver == "lm":
-        compiling().add_done_callback(_load_plotting)
-    with one_thread_per_operation(), replaced_together(out, replaceable=allowed, size=SIZE) as folder:
-        trace = loaded.tracer()
-        warnings = _warnings(loaded, trace, scene_file, options, progress, warn)
-        setting = setting_of(loaded, options, device)
-        refined = _refined(loaded, trace, options, device, progress, scene_file) if options.refine_pose else None
-        loaded = loaded if refined is None else refined.loaded
-        planned = fit_planned(loaded, trace, setting, options, progress, scene_file)
-        if "color" in options.maps:
-            planned = with_color_maps(planned, loaded, trace, options, progress)
-            planned = replace(planned, parts=with_written_maps(planned.parts, loaded.name, folder))
-        parts = planned.parts
-        solving = sum(part.choice.fit.solve_seconds for part in parts)
-        clock = _Clock(began, read, time.perf_counter(), loaded.photographs.seconds, solving)
-        progress("writing the report", 0)
-        beside = found_beside(
-            [(part.choice.fit, part.spread) for part in parts], [each.name for each in loaded.photographs.thumbnails]
-        )
-        views = _views(loaded, trace, parts, beside)
-        outliers = outlier_maps(parts, loaded.photographs.thumbnails, views)
-        result = _result(_Found(loaded, planned, beside, refined, views, outliers, warnings), clock)
-        alone = strips(planned, loaded.photographs.thumbnails[0], trace)
-        curves = [_curve(part) for part in parts]
-        maps = [(part.material.name, *map_pictures(part.color_map)) for part in parts if part.color_map is not None]
-        page = render_report(result, views, curves, alone, outliers, maps=maps, command=options.command)
-        write_text_atomically(folder / "report.html", page)
-        write_bytes_atomically(folder / "comparison.png", comparison_png(views))
-        write_text_atomically(folder / f"{loaded.name}.thesis.mtl", thesis_mtl(result.materials))
-        write_text_atomically(folder / f"{loaded.name}.mtl", ordinary_mtl(result.materials))
-        moved = None if refined is None else transforms_json(loaded)
-        if moved is not None:
-            write_text_atomically(folder / f"{loaded.name}.transforms.json", moved)
-        files = outputs_of(folder, final)
-        result = result.model_copy(update={"time": clock.now(), **files})  # the page cannot know how long it took
-        write_result(result, folder / "result.json")
-    return result
+    return loaded
 
 
-def _load_plotting(_: object) -> None:
-    """What the report will need for half a second, in the thread that has just compiled, beside the search."""
-    import matplotlib.backends.backend_svg  # noqa: F401
-    from skimage.metrics import structural_similarity  # noqa: F401
-
-
-def _refined(
-    loaded: Loaded, trace: Tracer, options: FitOptions, device: torch.device, progress: Progress, scene_file: Path
-) -> RefinedPoses:
-    """The scene with its cameras where they stood, found in light that is exact whatever the fit's is."""
-    exactly = replace(options, fidelity=pose_fidelity(options.fidelity))
-    return refine_poses(loaded, trace, setting_of(loaded, exactly, device), options, progress, scene_file)
-
-
-@dataclass(frozen=True)
-class _Clock:
-    """When the stages ended, by `time.perf_counter()`; of the second the seconds of reading photographs, of solving."""
-
-    began: float
-    read: float
-    fitted: float
-    photographs: float
-    solving: float
-
-    def now(self) -> Time:
-        """The result's times, up to now."""
-        now = time.perf_counter()
-        return Time(
-            load=self.read - self.began + self.photographs,
-            prepare=self.fitted - self.read - self.photographs - self.solving,
-            solve=self.solving,
-            report=now - self.fitted,
-            total=now - self.began,
-        )
-
-
-@dataclass(frozen=True)
-class _Found:
-    """All that a result is written from.
-
-    Attributes:
-        loaded, planned: the scene and its fit.
-        beside: what was fitted beside the materials; None where nothing was.
-        refined: how the cameras were moved; None where they were not.
-        views: photographs beside the fit.
-        outliers: what it does not explain.
-        warnings: what is wrong with the input, in sentences.
-    """
-
-    loaded: Loaded
-    planned: PlannedFit
-    beside: Beside | None
-    refined: RefinedPoses | None
-    views: Sequence[ViewPictures]
-    outliers: Sequence[OutlierMap]
-    warnings: Sequence[str]
-
-
-def _warnings(
-    loaded: Loaded,
-    trace: Tracer,
-    scene_file: Path,
-    options: FitOptions,
-    progress: Progress,
-    warn: Callable[[str], None],
-) -> list[str]:
+def _check(scene: _Scene, seed: int, progress: Progress, warn: Callable[[str], None]) -> list[str]:
     """What is wrong with the input, a sentence each; it stops no fit, and nor does its search."""
-    if not options.check:
-        return []
     from fit_material.fitter.input_checks.checks import affordable, preflight
 
     progress("checking the input", 0)
     try:
-        most = affordable(loaded.photographs)
-        found = [f"Check: {each}." for each in preflight(loaded, trace, scene_file, options.seed, most)]
+        most = affordable(scene.loaded.photographs)
+        found = [f"Check: {each}." for each in preflight(scene.loaded, scene.trace, scene.file, seed, most)]
     except InputError:  # the fit will say so
         return []
     except Exception as error:
@@ -214,79 +135,40 @@ def _warnings(
     return found
 
 
-def _curve(part: FittedPart) -> Curve | None:
-    """The reflectance curve of what mirrors."""
-    fit = part.choice.fit
-    if not fit.material.mirrors:
-        return None
-    reflectance = REFLECTANCES[part.setting.fidelity.reflectance]
-    return reflectance_curve(reflectance, fit.residuals.coordinates, fit.x, part.spread)
+def _refine(scene: _Scene, options: FitOptions, device: torch.device, progress: Progress) -> _Scene:
+    """The scene with its cameras where they stood, found in light that is exact whatever the fit's is."""
+    from fit_material.fitter.poses.refinement import pose_fidelity, refine_poses
+
+    setting = setting_of(scene.loaded, replace(options, fidelity=pose_fidelity(options.fidelity)), device)
+    kinds, varied = kinds_of(scene.loaded, options), bool(options.maps)
+    refined = refine_poses(scene.loaded, scene.trace, setting, kinds, progress, scene.file, varied=varied)
+    return replace(scene, loaded=refined.loaded, refined=refined)
 
 
-def _message(found: _Found, fidelity: Fidelity) -> str:
-    """What there is to say of each material, of the plan, of the cameras, and of the input."""
-    loaded, parts = found.loaded, found.planned.parts
-    told = [part.told for part in parts]
-    if len(loaded.materials) > 1:
-        told = [f"{part.material.name}: {sentences}" for part, sentences in zip(parts, told, strict=True)]
-    told += [] if found.beside is None else found.beside.told
-    told += found.planned.told
-    told += [] if found.refined is None else [found.refined.told]
-    told += [*caveats(loaded, parts, fidelity), *outlier_sentences(found.outliers), *found.warnings]
-    return " ".join(told)
+def _texture(planned: PlannedFit, scene: _Scene, options: FitOptions, progress: Progress) -> PlannedFit:
+    """The fit with its colour maps, which the materials name by the files that they will be."""
+    from fit_material.fitter.textures.color_map import with_color_maps
+
+    lit = "interreflection" not in options.unwanted
+    planned = with_color_maps(planned, scene.loaded, scene.trace, progress, seed=options.seed, interreflection=lit)
+    return replace(planned, parts=with_map_names(planned.parts, scene.loaded.name))
 
 
-def _views(loaded: Loaded, trace: Tracer, parts: Sequence[FittedPart], beside: Beside | None) -> list[ViewPictures]:
-    """Each photograph's thumbnail beside the fitted materials' picture of the same pixels."""
+def _write(described: DescribedFit, folder: Path, target: Path, clock: Clock) -> Result:
+    """Write every file, and the result with their names last: no page can know how long it took.
 
-    def shown(part: FittedPart, surface: GBuffer) -> torch.Tensor:
-        samples = min(part.setting.fidelity.samples, SHOWN_SAMPLES)
-        radiance = part.setting.radiance(part.choice.fit.material, surface, samples)
-        return radiance if part.polish is None else radiance + part.polish.picture(surface)
-
-    def shade(surface: GBuffer) -> torch.Tensor:
-        return painted(parts, surface, shown)
-
-    thumbnails = loaded.photographs.thumbnails
-    factors = torch.ones(len(thumbnails), 3) if beside is None else beside.factors.float()
-    views = []
-    for seen, factor in zip(thumbnails, factors, strict=True):
-        footprint = min(parts[0].setting.fidelity.footprint, SHOWN_FOOTPRINT)
-        picture = draw(trace, seen.camera, seen.mask, seen.step, footprint, shade)
-        exposure = known_exposure(seen.exposure)
-        photograph, fit = ((each * exposure).numpy() for each in (seen.radiance, factor * picture.radiance))
-        views.append(ViewPictures(seen.name, photograph, fit, picture.mask.numpy()))
-    return views
-
-
-def _result(found: _Found, clock: _Clock) -> Result:
-    loaded, beside, parts = found.loaded, found.beside, found.planned.parts
-    setting, materials = parts[0].setting, tuple(part.material for part in parts)
-    fidelity = setting.fidelity
-    fitted = [1.0] * len(loaded.photographs) if beside is None else beside.exposures.tolist()
-    known = [known_exposure(each.exposure) for each in loaded.photographs.thumbnails]
-    types = {material.type for material in materials}
-    polish = any(part.polish is not None for part in parts)
-    return Result(
-        status=status_of([part.choice for part in parts], materials),
-        message=_message(found, fidelity),
-        materials=materials,
-        quality=image_quality.assess(found.views),
-        exposure=tuple(factor * each for factor, each in zip(fitted, known, strict=True)),
-        model=Model(
-            fidelity=f"{fidelity.name}, polished by Mitsuba's path tracer" if polish else fidelity.name,
-            reflectance=", ".join(fidelity.reflectance_of(kind) for kind in sorted(types, reverse=True)),
-            lobe=fidelity.lobe,
-            samples=max(part.setting.fidelity.samples for part in parts),
-            pixels=sum(len(part.observed.measured.radiance) for part in parts),
-            dtype=fidelity.dtype,
-            levels=max(part.setting.fidelity.levels for part in parts),
-            environment_size=setting.environment.radiance.shape[1],
-        ),
-        effects=tuple(Effect(name=each.name, on=each.on, why=each.why) for each in found.planned.plan.decisions),
-        time=clock.now(),
-        inputs=loaded.inputs,
-        tolerance=tuple(part.tolerance for part in parts if part.tolerance is not None) or None,
-        nuisances=None if beside is None else beside.records,
-        cameras=None if found.refined is None else found.refined.cameras,
-    )
+    Args:
+        described: what to write.
+        folder: an empty one.
+        target: where the files go from there.
+        clock: of the fit.
+    """
+    for name, content in described.files.items():
+        if isinstance(content, str):
+            write_text_atomically(folder / name, content)
+        else:
+            write_bytes_atomically(folder / name, content)
+    files = outputs_of(folder, target)
+    result = described.result.model_copy(update={"time": clock.now(), **files})
+    write_result(result, folder / "result.json")
+    return result

@@ -1,6 +1,9 @@
-"""Options of a fit that do not go together, found before anything is read."""
+"""Options of a fit that do not go together, found before anything is read, or do not go with the object's shape."""
 
 from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
 
 from fit_material.fitter.effects.plan import require_choosable
 from fit_material.fitter.effects.plan_rules import SCATTERS
@@ -31,3 +34,15 @@ def require_consistent(options: FitOptions) -> None:
         from fit_material.fitter.uncertainty.tolerance import require_tolerance
 
         require_tolerance(options.tolerance, options.fidelity)
+
+
+def require_mappable(shape: object, source: Path | None, maps: Sequence[str]) -> None:
+    """Raises InputError where there is nothing to lay a texture over."""
+    if not maps:
+        return
+    from fit_material.renderer.geometry.mesh import Mesh
+
+    if not isinstance(shape, Mesh):
+        raise InputError("--maps", value="color", expected="a mesh with texture coordinates, not a sphere")
+    if shape.uv is None:
+        raise InputError(source or "mesh", expected="texture coordinates (vt) for --maps color, on every part")

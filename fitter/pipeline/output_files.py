@@ -7,8 +7,8 @@ from pathlib import Path
 
 from fit_material.fitter.observations.scene_data import Loaded
 from fit_material.fitter.options.fit_options import FitOptions
+from fit_material.fitter.pipeline.map_files import map_names
 from fit_material.fitter.result.written_files import ENDINGS, PICTURES, RESULT, replaceable_by_fit
-from fit_material.fitter.textures.color_map import map_names
 from fit_material.renderer.files.atomic import require_names
 from fit_material.renderer.files.replaceable import Replaceable
 from fit_material.renderer.scene.input_paths import input_paths

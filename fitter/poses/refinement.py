@@ -13,17 +13,18 @@ from torch import Tensor
 from fit_material.fitter.estimation.coarse_to_fine import Fit
 from fit_material.fitter.forward.lighting import Setting
 from fit_material.fitter.least_squares.sample_halves import believed
-from fit_material.fitter.observations.scene_data import Loaded, kinds_of
+from fit_material.fitter.observations.scene_data import Loaded
 from fit_material.fitter.options.fidelity import PRESETS, Fidelity
-from fit_material.fitter.options.fit_options import FitOptions
 from fit_material.fitter.options.progress import Progress
 from fit_material.fitter.poses.photometric_alignment import Shown, informed, shown_pixels
 from fit_material.fitter.poses.silhouette_alignment import MOST_APART, Border, border_of
+from fit_material.fitter.poses.transforms_file import transforms_json
 from fit_material.fitter.result.schema import RefinedCamera
 from fit_material.renderer.cameras.pose_offset import DEGREES, SHARE, Pose
 from fit_material.renderer.errors.input_error import InputError
 from fit_material.renderer.rays.gbuffer import Tracer
 from fit_material.renderer.rays.occlusion import occluder
+from fit_material.shaders.materials.quantities import MaterialType
 
 MOST_DEGREES, MOST_SHARE = 5.0, 0.03  # beyond them a pose is no small error any more
 EFFORTS = ((500, 256, 3), (4000, 1024, 1))  # pixels of each photograph, directions of each, and rounds at most
@@ -45,6 +46,11 @@ class RefinedPoses:
     cameras: tuple[RefinedCamera, ...]
     told: str
 
+    @property
+    def transforms(self) -> str | None:
+        """The cameras as `transforms.json` has them; None where one is orthographic."""
+        return transforms_json(self.loaded)
+
 
 def pose_fidelity(fidelity: Fidelity) -> Fidelity:
     """How accurately light is computed for poses: exactly, whatever the fit's own model, but from few directions."""
@@ -52,7 +58,14 @@ def pose_fidelity(fidelity: Fidelity) -> Fidelity:
 
 
 def refine_poses(
-    loaded: Loaded, trace: Tracer, setting: Setting, options: FitOptions, progress: Progress, scene_file: Path
+    loaded: Loaded,
+    trace: Tracer,
+    setting: Setting,
+    kinds: Sequence[MaterialType | None],
+    progress: Progress,
+    scene_file: Path,
+    *,
+    varied: bool,
 ) -> RefinedPoses:
     """Find where the cameras stood: six numbers for each, from the pose that the scene gives.
 
@@ -62,10 +75,11 @@ def refine_poses(
     Args:
         loaded: the scene.
         trace: of the object.
-        setting: the light, at `pose_fidelity`.
-        options: of the fit; its types and seed count.
+        setting: the light, at `pose_fidelity`; its seed chooses pixels as well.
+        kinds: types of the materials, None where that is open.
         progress: told the stage and its share done.
         scene_file: for the error's sentence.
+        varied: whether colours change from place to place, which would be taken for a shift: outlines alone count then.
 
     Raises:
         InputError: a photograph has neither mask nor alpha channel, these are not the object's outline, or a pose is
@@ -82,14 +96,15 @@ def refine_poses(
         borders.append(border)
         poses.append(pose)
     setting = replace(setting, occluder=occluder(loaded.shape))
-    poses, covariance = _by_pixels(_Scene(loaded, trace, setting, options, borders), poses, progress)
+    scene = _Scene(loaded, trace, setting, kinds, borders)
+    poses, covariance = (poses, scene.covariance(poses)) if varied else _by_pixels(scene, poses, progress)
     for index, pose in enumerate(poses):
         _require_small(pose, (scene_file, f"photographs[{index}]"))
     errors = covariance.diagonal().clamp_min(0).sqrt().reshape(-1, 6)
     names = [thumbnail.name for thumbnail in loaded.photographs.thumbnails]
     records = tuple(_record(*each) for each in zip(names, poses, errors, strict=True))
     album = loaded.photographs.taken_by([pose.camera for pose in poses])
-    by = "outlines" if options.maps else "outlines and pixels"
+    by = "outlines" if varied else "outlines and pixels"
     return RefinedPoses(replace(loaded, photographs=album), records, _sentence(records, by))
 
 
@@ -100,7 +115,7 @@ class _Scene:
     loaded: Loaded
     trace: Tracer
     setting: Setting
-    options: FitOptions
+    kinds: Sequence[MaterialType | None]
     borders: Sequence[Border]
 
     def pixels(self, poses: Sequence[Pose], count: int, setting: Setting) -> list[Shown]:
@@ -111,7 +126,7 @@ class _Scene:
             materials=len(self.loaded.materials),
             count=count,
             footprint=setting.fidelity.footprint,
-            seed=self.options.seed,
+            seed=self.setting.seed,
         )
 
     def outlined(self, poses: Sequence[Pose]) -> tuple[Float[Tensor, "v v"], Float[Tensor, " v"]]:
@@ -122,13 +137,14 @@ class _Scene:
         matrix = torch.block_diag(*(each.information for each in rows)) + torch.eye(6 * len(poses)).double()
         return matrix, torch.cat([each.gradient + pose.motion for each, pose in zip(rows, poses, strict=True)])
 
+    def covariance(self, poses: Sequence[Pose]) -> Float[Tensor, "v v"]:
+        """Of all poses, by outlines and prior alone."""
+        return torch.linalg.inv(self.outlined(poses)[0])
+
 
 def _by_pixels(scene: _Scene, poses: list[Pose], progress: Progress) -> tuple[list[Pose], Float[Tensor, "v v"]]:
-    """Poses and their covariance, by more pixels from effort to effort; by outlines alone where the colour varies."""
-    if scene.options.maps:  # what changes from place to place would be taken for a shift
-        return poses, torch.linalg.inv(scene.outlined(poses)[0])
+    """Poses and their covariance, by more pixels from effort to effort."""
     covariance = torch.eye(6 * len(poses)).double()
-    kinds = kinds_of(scene.loaded, scene.options)
     for of_each, samples, rounds in EFFORTS:
         pixels = min(of_each * len(poses), MOST_PIXELS)
         setting = replace(scene.setting, fidelity=replace(scene.setting.fidelity, pixels=pixels, samples=samples))
@@ -138,7 +154,7 @@ def _by_pixels(scene: _Scene, poses: list[Pose], progress: Progress) -> tuple[li
             said, gradient = scene.outlined(poses)
             crossed = said
             for each in shown:
-                kind, before = kinds[each.material], fits.get(each.material)
+                kind, before = scene.kinds[each.material], fits.get(each.material)
                 found = informed(each, poses, scene.trace, setting, kind, before, progress)
                 said, crossed, gradient = said + found.said, crossed + found.crossed, gradient + found.gradient
                 fits[each.material] = found.fit

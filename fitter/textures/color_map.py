@@ -1,31 +1,25 @@
-"""The colour texture of a material: solved for from all photographs, filled, padded, and written as PNG."""
+"""The colour texture of a material: solved for from all photographs, filled, padded."""
 
 from __future__ import annotations
 
-import re
 from collections.abc import Sequence
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import torch
 from jaxtyping import Float
 
-from fit_material.fitter.fitted.color_texture import CLEARLY_ABOVE, MANY_CUT, ColorMap, codes
+from fit_material.fitter.fitted.color_texture import CLEARLY_ABOVE, MANY_CUT, ColorMap
 from fit_material.fitter.fitted.part import FittedPart
 from fit_material.fitter.fitted.planned import PlannedFit
 from fit_material.fitter.forward.received_light import Albedo, DiffuseLight, Met
 from fit_material.fitter.observations.scene_data import Loaded
-from fit_material.fitter.options.fit_options import FitOptions
 from fit_material.fitter.options.progress import Progress
-from fit_material.fitter.result.schema import FittedMaterial, Intervals, Maps
+from fit_material.fitter.result.schema import FittedMaterial, Intervals
 from fit_material.fitter.textures.radiosity import DARK
 from fit_material.fitter.textures.texel_equations import Rows, radiosity_on, rows
 from fit_material.fitter.textures.texel_solver import solve, texture_size
-from fit_material.renderer.errors.input_error import InputError
-from fit_material.renderer.files.atomic import write_bytes_atomically
 from fit_material.renderer.geometry.mesh import Mesh
-from fit_material.renderer.images.image_file import png
 from fit_material.renderer.images.textures import Texture, lookup
 from fit_material.renderer.rays.gbuffer import Tracer
 from fit_material.renderer.rays.uv_atlas import Unwrapped, filled, overlap, unwrapped
@@ -37,21 +31,21 @@ OVERLAPS = 1.05  # places that share a texel in the mean, from which that is tol
 LEAST_MEAN = 1e-3  # of a channel's texels, below which a tint would only be rounding
 
 
-def require_mappable(shape: object, source: Path | None, maps: Sequence[str]) -> None:
-    """Raises InputError where there is nothing to lay a texture over."""
-    if maps and not isinstance(shape, Mesh):
-        raise InputError("--maps", value="color", expected="a mesh with texture coordinates, not a sphere")
-    if maps and isinstance(shape, Mesh) and shape.uv is None:
-        raise InputError(source or "mesh", expected="texture coordinates (vt) for --maps color, on every part")
-
-
 def with_color_maps(
-    planned: PlannedFit, loaded: Loaded, trace: Tracer, options: FitOptions, progress: Progress
+    planned: PlannedFit, loaded: Loaded, trace: Tracer, progress: Progress, *, seed: int, interreflection: bool
 ) -> PlannedFit:
-    """The fit with the textures of its parts' bodies; those of metal as they were."""
+    """The fit with the textures of its parts' bodies; those of metal as they were.
+
+    Args:
+        planned: the fit.
+        loaded, trace: its scene.
+        progress: told the stage and its share done.
+        seed: of the places from which light is sent.
+        interreflection: whether to count light that the object sends itself.
+    """
     parts, plan = list(planned.parts), planned.plan
     for place, part in enumerate(parts):
-        parts[place] = _with_color_map(part, parts, loaded, trace, options, progress)
+        parts[place] = _with_color_map(part, parts, loaded, trace, progress, seed, interreflection)
     if any("interreflection" in part.setting.effects for part in parts if part.color_map is not None):
         plan = plan.with_on("interreflection", "colour maps count it, as diffuse light")
     return replace(planned, parts=parts, plan=plan)
@@ -62,16 +56,17 @@ def _with_color_map(
     parts: Sequence[FittedPart],
     loaded: Loaded,
     trace: Tracer,
-    options: FitOptions,
     progress: Progress,
+    seed: int,
+    interreflection: bool,
 ) -> FittedPart:
     """The part with its texture, in the light that parts with theirs and without send it."""
     if not material_type(part.material.type).has_body:
-        return replace(part, told=f"{part.told} Metals have no body to be coloured, and no colour map.")
+        return part.remarked("Metals have no body to be coloured, and no colour map.")
     assert isinstance(loaded.shape, Mesh)
     progress("colour map", 0)
     where = (loaded.photographs, trace, sorted(loaded.repeated))
-    places = radiosity_on(part, *where, "interreflection" not in options.unwanted, options.seed)
+    places = radiosity_on(part, *where, interreflection, seed)
     found = rows(part, *where, places, lambda share: progress("colour map", share))
     if not any((each.area > 0).any() for each in found):
         return _unmapped(part, "Its faces have no texture coordinates, or such as cover no area")
@@ -88,16 +83,15 @@ def _with_color_map(
             made = _color_map(part, found, light, layout) or made
         effects, counted = effects | {"interreflection"}, _on_returned(found, light)
     setting = replace(part.setting, color_map=_tint(part, made), received=light, effects=effects)
-    part = part.renumbered(_recolored(part.material, made))
-    told = f"{part.told} {_on_spots(part)}{made.sentence}{counted}{_on_overlaps(loaded.shape, part.index, layout)}"
-    return replace(part, setting=setting, told=told, color_map=made)
+    part = replace(part, material=_recolored(part.material, made), setting=setting, color_map=made)
+    return part.remarked(f"{_on_spots(part)}{made.sentence}{counted}{_on_overlaps(loaded.shape, part.index, layout)}")
 
 
 def _unmapped(part: FittedPart, why: str) -> FittedPart:
     """The part without a map, whose even colour is that of some places alone."""
     known = part.material.determined.model_copy(update={"color": (False, False, False)})
-    part = part.renumbered(part.material.model_copy(update={"determined": known}))
-    return replace(part, told=f"{part.told} {why}: there is no colour map of it, and its colour is some places' mean.")
+    part = replace(part, material=part.material.model_copy(update={"determined": known}))
+    return part.remarked(f"{why}: there is no colour map of it, and its colour is some places' mean.")
 
 
 def _color_map(
@@ -190,33 +184,3 @@ def _recolored(material: FittedMaterial, made: ColorMap) -> FittedMaterial:
         )
     intervals: Intervals = material.interval95.model_copy(update={"color": moved})
     return material.model_copy(update={"color": mean, "interval95": intervals, "determined": known})
-
-
-def with_written_maps(parts: Sequence[FittedPart], stem: str, folder: Path) -> list[FittedPart]:
-    """Write the maps of every part that has one, and name them in its material.
-
-    The PNG of colours has 8 bits in sRGB, which is what every reader of `map_Kd` takes it for; the other one's values
-    are numbers of photographs.
-    """
-    materials = [part.material.name for part in parts]
-    return [part if part.color_map is None else _written(part, materials, stem, folder) for part in parts]
-
-
-def map_names(stem: str, materials: Sequence[str], index: int) -> Maps:
-    """The files of a material's maps, of which a scene has those materials."""
-    base = _file_name(stem if len(materials) == 1 else f"{stem}_{index}_{materials[index]}")
-    return Maps(color=f"{base}_color.png", color_seen=f"{base}_color_seen.png")
-
-
-def _written(part: FittedPart, materials: Sequence[str], stem: str, folder: Path) -> FittedPart:
-    assert part.color_map is not None
-    names = map_names(stem, materials, part.index)
-    write_bytes_atomically(folder / names.color, png(codes(part.color_map.color)))
-    seen = np.minimum(part.color_map.photographs, 255).astype(np.uint8)
-    write_bytes_atomically(folder / names.color_seen, png(seen))
-    return replace(part, material=part.material.model_copy(update={"maps": names}))
-
-
-def _file_name(text: str) -> str:
-    """Without what readers of MTL files take for something else."""
-    return re.sub(r"[^\w.-]+", "_", text, flags=re.ASCII).strip("_.") or "material"

@@ -2,13 +2,34 @@
 
 from __future__ import annotations
 
+import functools
 import math
+from array import array
+from collections.abc import Callable
 
 import torch
 from jaxtyping import Float
 from torch import Tensor
 
 from fit_material.shaders.optics.microfacets import Distribution
+
+Rule = tuple[Float[Tensor, " q"], ...]
+"""Nodes, in one or more coordinates, and weights."""
+
+
+def computed_once(rule: Callable[..., Rule], *arguments: object) -> Callable[[], Rule]:
+    """A function that computes a rule at its first call and keeps it.
+
+    The first call may come inside a derivative of torch.func, to which every tensor computed there belongs, and outside
+    of which it is of no use. So numbers are kept, as a tensor over them, which belongs to nothing.
+    """
+
+    @functools.cache
+    def kept() -> Rule:
+        numbers = (array("d", each.tolist()) for each in rule(*arguments))
+        return tuple(torch.frombuffer(each, dtype=torch.float64) for each in numbers)
+
+    return kept
 
 
 def _gauss(

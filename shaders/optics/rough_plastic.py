@@ -19,12 +19,19 @@ from torch import Tensor
 
 from fit_material.shaders.optics import fresnel, microfacets
 from fit_material.shaders.optics.microfacets import Distribution
-from fit_material.shaders.optics.quadrature import facets_and_rotations, half_disc, legendre, slope_plane
+from fit_material.shaders.optics.quadrature import computed_once, facets_and_rotations, half_disc, legendre, slope_plane
 from fit_material.shaders.optics.safe_sqrt import root
 
 _STEEPEST = 4.0  # slopes beyond 4α hold 2e-8 of Beckmann's normals
 _GRAZING = 1e-6  # cosine that stands for 0, as in Mitsuba
 _TABLE = 64  # cosines over which Mitsuba takes its mean
+
+_OUTSIDE = computed_once(legendre, 16)
+_SHARES = computed_once(legendre, 8)
+_DISC = computed_once(half_disc, 10, 8)
+_SLOPES = computed_once(slope_plane, 16, 12)
+# Fewer facets and turns leave 5e-4 of 1 - R, for G1 has a kink where facets turn below the horizon; these leave 2e-4.
+_FACETS = {each: computed_once(facets_and_rotations, 48, 32, each) for each in get_args(Distribution)}
 
 
 def ior(f0: Float[Tensor, "*p"]) -> Float[Tensor, "*p"]:
@@ -139,7 +146,7 @@ def diffuse_internal_reflectance(
         R̄, in [0, 1): 2 ∫ c F dc in the limit α → 0, as in Mitsuba's `plastic`.
     """
     eta, alpha = (value[..., None] for value in torch.broadcast_tensors(eta, alpha))
-    outside, weight = (value.to(eta) for value in _OUTSIDE)
+    outside, weight = (value.to(eta) for value in _OUTSIDE())
     inside = _refracted(outside, eta)
     unmasked = _unmasked(torch.cat([outside.expand_as(inside), inside], -1), alpha, distribution)
     white, passing = unmasked.unflatten(-1, (2, -1)).unbind(-2)
@@ -156,7 +163,7 @@ def _upright_internal_reflectance(
     what passes those that are flatter than the critical angle (tan² = 1/(η²-1)), at which 1 - F ends like a root.
     """
     eta, alpha = (value[..., None] for value in torch.broadcast_tensors(eta, alpha))
-    t, weight = (value.to(eta) for value in _SHARES)
+    t, weight = (value.to(eta) for value in _SHARES())
     critical = (eta**2 - 1).clamp_min(1.0).reciprocal()
     ends = _flatter(torch.stack([torch.ones_like(critical), critical]), alpha, distribution)
     share = ends * t * (2 - t)
@@ -179,7 +186,7 @@ def _unmasked(
     cos_d: Float[Tensor, "*p c"], alpha: Float[Tensor, "*p 1"], distribution: Distribution
 ) -> Float[Tensor, "*p c"]:
     """Mean of G1(v) G1(l) / (n·h) over microfacets h and mirrored pairs v, l that make the angle `cos_d` with h."""
-    squared, turn, weight = (value.to(cos_d) for value in _FACETS[distribution])
+    squared, turn, weight = (value.to(cos_d) for value in _FACETS[distribution]())
     cos_d, alpha = cos_d[..., None], alpha[..., None]
     h_z = torch.rsqrt(1 + alpha**2 * squared)
     upward = cos_d * h_z
@@ -196,7 +203,7 @@ def _visible_normals(
     v = (√(1-cos_v²), 0, cos_v). The normals stand for their mirror images at -y, too.
     """
     if distribution == "ggx":
-        u1, u2, weight = (value.to(cos_v) for value in _DISC)
+        u1, u2, weight = (value.to(cos_v) for value in _DISC())
         h_x, _, h_z = microfacets.sample_visible_normals(cos_v, alpha, u1, u2)
         return h_x, h_z, weight.expand_as(h_x)
     return _visible_beckmann(cos_v, alpha)
@@ -206,19 +213,10 @@ def _visible_beckmann(
     cos_v: Float[Tensor, "*p 1"], alpha: Float[Tensor, "*p 1"]
 ) -> tuple[Float[Tensor, "*p q"], Float[Tensor, "*p q"], Float[Tensor, "*p q"]]:
     """Slopes αx, αy have the density exp(-x²-y²) max(0, cos_v - α sin_v x), up to a factor [Heitz 2014]."""
-    along, across, weight = (value.to(cos_v) for value in _SLOPES)
+    along, across, weight = (value.to(cos_v) for value in _SLOPES())
     tilt = alpha * root((1 - cos_v) * (1 + cos_v))
     steepest = cos_v / torch.maximum(tilt, cos_v / _STEEPEST)  # facets beyond are turned away
     x = along * (steepest + _STEEPEST) - _STEEPEST
     seen = weight * torch.exp(-(x**2)) * (cos_v - tilt * x)
     h_z = torch.rsqrt(1 + alpha**2 * (x**2 + across**2))
     return -alpha * x * h_z, h_z, seen / seen.sum(-1, keepdim=True)
-
-
-# The rules are made once, here: made at their first use inside a derivative of torch.func they would belong to it.
-_OUTSIDE = legendre(16)
-_SHARES = legendre(8)
-_DISC = half_disc(10, 8)
-_SLOPES = slope_plane(16, 12)
-# Fewer facets and turns leave 5e-4 of 1 - R, for G1 has a kink where facets turn below the horizon; these leave 2e-4.
-_FACETS = {distribution: facets_and_rotations(48, 32, distribution) for distribution in get_args(Distribution)}

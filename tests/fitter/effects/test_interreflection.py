@@ -15,7 +15,7 @@ from fit_material.fitter.effects.interreflection import PolishedPixels, Tangent
 from fit_material.fitter.forward.lighting import Setting
 from fit_material.fitter.forward.pixel_model import PixelModel
 from fit_material.fitter.options.fidelity import PRESETS, preset
-from fit_material.fitter.pipeline import fit_scene as pipeline
+from fit_material.fitter.pipeline import describe_fit
 from fit_material.fitter.pipeline.fit_scene import FitOptions, fit_scene
 from fit_material.renderer.errors.input_error import InputError
 from fit_material.renderer.geometry.mesh import Sphere
@@ -186,8 +186,8 @@ def test_paths_that_the_plan_calls_for_remove_what_interreflection_does_to_a_fit
     fidelity = replace(PRESETS["standard"], pixels=1500)
     true_f0 = fresnel.normal_reflectance(gold().n, gold().k).numpy()
     found, results = {}, {}
-    drawn, strips = [], pipeline.strips
-    monkeypatch.setattr(pipeline, "strips", lambda *arguments: drawn.extend(strips(*arguments)) or drawn)
+    drawn, strips = [], describe_fit.strips
+    monkeypatch.setattr(describe_fit, "strips", lambda *arguments: drawn.extend(strips(*arguments)) or drawn)
     for planned in (False, True):
         drawn.clear()
         unwanted = () if planned else ("self-visibility", "interreflection")

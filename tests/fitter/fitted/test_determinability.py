@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from fit_material.fitter.fitted.determinability import Seen, on_the_prior, verdicts
-from fit_material.fitter.metal_prior.mixture_posterior import Borrowed, TooFar
+from fit_material.fitter.metal_prior.borrowed import Borrowed, TooFar
 from fit_material.fitter.result.schema import Determined, FittedMaterial, FromPrior, Intervals, Share
 from fit_material.fitter.uncertainty.estimates import Measured
 

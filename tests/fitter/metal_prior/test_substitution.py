@@ -17,9 +17,10 @@ from fit_material.fitter.fitted.determinability import seen_by
 from fit_material.fitter.fitted.summary import describe, fitted_material
 from fit_material.fitter.least_squares.covariance import Spread, spread
 from fit_material.fitter.materials.coordinates import TINT_WIDTH, Interval, MetalCoordinates
+from fit_material.fitter.metal_prior.borrowed import Borrowed, TooFar
 from fit_material.fitter.metal_prior.catalogue_distribution import published_covariance, shape_of
 from fit_material.fitter.metal_prior.likelihood import InPictures, InReflectance, likelihood
-from fit_material.fitter.metal_prior.mixture_posterior import Borrowed, TooFar, catalogue_prior
+from fit_material.fitter.metal_prior.mixture_posterior import catalogue_prior
 from fit_material.fitter.metal_prior.substitution import borrow, from_prior, with_prior
 from fit_material.fitter.options.fidelity import PRESETS, preset
 from fit_material.fitter.uncertainty.estimates import Measured

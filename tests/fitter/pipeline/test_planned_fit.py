@@ -9,14 +9,13 @@ from dataclasses import replace
 
 import pytest
 
-from fit_material.fitter.effects import planner
+from fit_material.fitter.effects import interreflection
 from fit_material.fitter.effects.plan import Plan
 from fit_material.fitter.effects.planner import Planner, spared
 from fit_material.fitter.forward import lighting, pixel_model
 from fit_material.fitter.options.fidelity import PRESETS
 from fit_material.fitter.options.fit_options import FitOptions
-from fit_material.fitter.pipeline import fit_scene as pipeline
-from fit_material.fitter.pipeline import planned_fit
+from fit_material.fitter.pipeline import describe_fit, planned_fit
 from fit_material.fitter.pipeline.fit_scene import fit_scene
 from fit_material.fitter.pipeline.planned_fit import ROUNDS
 from fit_material.fitter.result.schema import Result
@@ -70,7 +69,7 @@ def calls(monkeypatch) -> Counter[str]:
 def looked_for_paths(monkeypatch) -> list[object]:
     """How often a plan finds out whether Mitsuba can trace paths here, which loads it."""
     found: list[object] = []
-    monkeypatch.setattr(planner, "require_polishable", found.append)
+    monkeypatch.setattr(interreflection, "require_polishable", found.append)
     return found
 
 
@@ -118,8 +117,8 @@ def test_what_was_found_drops_what_it_does_not_call_for(gold_scene, tmp_path):
 
 
 def test_result_and_report_show_the_plan(gold_scene, tmp_path, monkeypatch):
-    drawn, strips = [], pipeline.strips
-    monkeypatch.setattr(pipeline, "strips", lambda *arguments: drawn.extend(strips(*arguments)) or drawn)
+    drawn, strips = [], describe_fit.strips
+    monkeypatch.setattr(describe_fit, "strips", lambda *arguments: drawn.extend(strips(*arguments)) or drawn)
     fitted(gold_scene, tmp_path / "out")
     data = json.loads((tmp_path / "out" / "result.json").read_text())
     assert all(set(effect) == {"name", "on", "why"} for effect in data["effects"])
@@ -139,7 +138,7 @@ GROWING = ("self-visibility", "ambient-occlusion", "light-reflection")
 @pytest.mark.parametrize(("growth", "fits"), [(1, 2), pytest.param(3, 3, marks=pytest.mark.slow)])
 def test_a_plan_that_grows_is_fitted_again_three_times_at_most(gold_scene, tmp_path, monkeypatch, growth, fits):
     """Each later plan has one more effect on, until it has so many; what no fit simulated is not said to be on."""
-    monkeypatch.setattr("fit_material.fitter.pipeline.fit_scene.strips", lambda *arguments: [])
+    monkeypatch.setattr("fit_material.fitter.pipeline.describe_fit.strips", lambda *arguments: [])
     plan, made, simulated = Planner.plan, [], []
 
     def growing(self: Planner, *arguments) -> Plan:
