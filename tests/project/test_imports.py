@@ -12,6 +12,7 @@ from tests.support.paths import ROOT
 
 PACKAGE = "fit_material"
 FOLDERS = [  # lowest first: each may import itself and those before it
+    "shaders.registry",
     "shaders.glsl",
     "shaders.optics",
     "shaders.materials",

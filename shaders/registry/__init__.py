@@ -1,0 +1,1 @@
+"""Tables of named entries: open for tests, closed for users."""
