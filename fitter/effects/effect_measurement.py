@@ -24,6 +24,7 @@ from fit_material.renderer.rays.gbuffer import GBuffer, Tracer
 from fit_material.renderer.rays.pixel_footprint import middle
 from fit_material.renderer.rays.self_visibility import sees_itself
 from fit_material.shaders.materials.types import Glossy, Material, Matte, Metal
+from fit_material.shaders.materials.widths import Microfacet
 
 PIXELS = 256  # fewer than one in eighty of all is then moved further than the most, with 95 % confidence
 PHOTOGRAPHS = 8
@@ -85,8 +86,8 @@ def possible(kinds: Collection[str]) -> dict[str, Material]:
     )
     found: dict[str, Material] = {}
     for alpha in (torch.tensor(each, dtype=torch.float64) for each in ALPHAS):
-        found[f"gold of alpha {alpha:g}"] = Metal(n, k, alpha)
-        found[f"plastic of alpha {alpha:g}"] = Glossy(half, dim, alpha)
+        found[f"gold of alpha {alpha:g}"] = Metal(n, k, Microfacet(alpha))
+        found[f"plastic of alpha {alpha:g}"] = Glossy(half, dim, Microfacet(alpha))
     found["plaster"] = Matte(0.8 * white, white)
     return {name: each for name, each in found.items() if each.type in kinds}
 
@@ -147,7 +148,7 @@ class Measurement:
         key = (effects, material.has_body)
         if key not in self._bare:
             self._bare[key] = setting.pixels(surface, body=key[1])
-        lobe = (effects & OF_TABLE, None if material.roughness is None else float(material.roughness))
+        lobe = (effects & OF_TABLE, None if material.width is None else float(material.width.value))
         if lobe not in self._tables:
             self._tables[lobe] = setting.table_of(material, surface, SAMPLES)
         model = self._bare[key].under(self._tables[lobe])

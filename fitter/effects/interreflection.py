@@ -32,13 +32,14 @@ from fit_material.fitter.observations.scene_data import Loaded
 from fit_material.fitter.options.fidelity import Fidelity
 from fit_material.renderer.errors.input_error import InputError
 from fit_material.renderer.light_tables.light_table import LightTable
-from fit_material.renderer.materials.ground_truth import Channels
-from fit_material.renderer.mitsuba.conversion import Bsdf, bsdf, diffuse
+from fit_material.renderer.materials.bsdf import Bsdf, Channels, diffuse
+from fit_material.renderer.mitsuba.conversion import bsdf
 from fit_material.renderer.path_tracing import differentiable_scene
 from fit_material.renderer.path_tracing.differentiable_scene import DifferentiableScene, Radiance
 from fit_material.renderer.rays.gbuffer import GBuffer
-from fit_material.shaders.materials.quantities import MaterialType
+from fit_material.shaders.materials.kinds import MaterialType
 from fit_material.shaders.materials.types import Material, Metal
+from fit_material.shaders.materials.widths import alpha_of
 from fit_material.shaders.optics import fresnel
 from fit_material.shaders.optics.microfacets import Distribution
 
@@ -79,7 +80,7 @@ class Tangent:
         determinant = f0_n * t_k - f0_k * t_n
         by_f0 = (added.by_n * t_k - added.by_k * t_n) / determinant
         by_t = (added.by_k * f0_n - added.by_n * f0_k) / determinant
-        return Tangent(added.value, (by_f0, by_t, added.by_alpha), (*by_n[0], metal.roughness))
+        return Tangent(added.value, (by_f0, by_t, added.by_alpha), (*by_n[0], alpha_of(metal.width)))
 
     @property
     def mixed(self) -> Float[Tensor, "p 4 3"]:
@@ -88,7 +89,7 @@ class Tangent:
 
     def mixing(self, metal: Metal) -> Float[Tensor, "4 3"]:
         """How much each of these counts at another metal: all of the value, and of each slope the way there."""
-        place = (*_coordinates(metal.n, metal.k), metal.roughness.expand(3))
+        place = (*_coordinates(metal.n, metal.k), alpha_of(metal.width).expand(3))
         ways = (there - here for there, here in zip(place, self.origin, strict=True))
         return torch.stack([torch.ones_like(metal.n), *ways])
 
@@ -285,8 +286,8 @@ def polish_scene(
 def _bsdf(material: Material, lobe: Distribution) -> Bsdf:
     """A found material in Mitsuba's terms."""
     if material.color is not None:
-        material = replace(material, color=material.color.clamp(0, 1))
-    alpha = 0.0 if material.roughness is None else float(material.roughness)
+        material = material.with_color(material.color.clamp(0, 1))
+    alpha = 0.0 if material.width is None else float(alpha_of(material.width))
     return bsdf(material.type, lambda name: _channels(getattr(material, name)), alpha, lobe)
 
 

@@ -12,7 +12,7 @@ import torch
 from jaxtyping import Bool, Float
 from torch import Tensor
 
-from fit_material.fitter.estimation.viewer_roughness import RHO_PER_ALPHA
+from fit_material.fitter.estimation.viewer_roughness import blur_like
 from fit_material.fitter.forward.lighting import Setting
 from fit_material.renderer.light_tables.light_table import reflect
 from fit_material.renderer.materials.textured_material import Appearance
@@ -21,6 +21,7 @@ from fit_material.renderer.rays.self_visibility import cosine_directions, lifted
 from fit_material.renderer.viewer_model.shading import far_light, shade_surface
 from fit_material.shaders.materials.fresnel_models import exact_reflectance
 from fit_material.shaders.materials.types import Material
+from fit_material.shaders.materials.widths import alpha_of
 
 DIRECTIONS = 32
 
@@ -38,8 +39,8 @@ def returned_light(trace: Tracer, surface: GBuffer, setting: Setting, material: 
     u1, u2 = torch.quasirandom.SobolEngine(2, scramble=True, seed=0).draw(DIRECTIONS).double().T
     u1, u2 = (each.expand(len(surface.hit), -1) for each in (u1, u2))
     found = torch.zeros(len(surface.hit), 3, dtype=torch.float64)
-    if material.roughness is not None:
-        mirrored = rough_reflections(surface, u1, u2, float(material.roughness))
+    if material.width is not None:
+        mirrored = rough_reflections(surface, u1, u2, float(alpha_of(material.width)))
         reflectance = exact_reflectance(material, surface.n_dot_v[:, None].clamp(0, 1))
         found = found + reflectance * _from_itself(trace, surface, mirrored, setting, material)
     if material.color is not None:
@@ -56,7 +57,7 @@ def _from_itself(
     origins = surface.position[:, None].expand_as(towards)
     met = trace(origins[above], towards[above])
     shown = replace(met, hit=met.front, material=0 * met.material, part=0 * met.part)
-    as_viewed = material.with_width_times(RHO_PER_ALPHA)  # the viewer's roughness in place of alpha
+    as_viewed = material if material.width is None else material.with_width(blur_like(material.width))
     shaded = shade_surface(shown, [Appearance(as_viewed)], [far_light(setting.viewers)]).double()
     radiance = torch.zeros_like(towards)
     radiance[above] = shaded * ~_hidden(trace, shown, material)[:, None]

@@ -18,12 +18,11 @@ from fit_material.renderer.errors.input_error import InputError
 from fit_material.renderer.rays.gbuffer import Tracer
 from fit_material.renderer.rays.occlusion import Occluder, occluder
 from fit_material.shaders.effects import NAMES
-from fit_material.shaders.materials.quantities import MaterialType
-from fit_material.shaders.materials.types import Material, material_type
+from fit_material.shaders.materials.kinds import KINDS, MaterialType
+from fit_material.shaders.materials.types import Material
 
 TOLERANCE = 0.01
 """Relative change of a pixel from which an effect is called for, where no --tolerance was asked for."""
-KINDS: tuple[MaterialType, ...] = ("metal", "glossy", "matte")
 FOOTPRINT = 4  # rays along each side of a pixel that is looked at, at most
 
 
@@ -122,7 +121,7 @@ def spared(free: float) -> str | None:
 
 def is_traced(kind: str) -> bool:
     """Whether paths are traced for a type of material: for those that have a surface alone."""
-    return not material_type(kind).has_body
+    return not KINDS[kind].has_body
 
 
 def _untraced(types: frozenset[str], fidelity: Fidelity) -> str | None:

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
 
 import torch
 from jaxtyping import Float
@@ -22,27 +21,17 @@ from fit_material.fitter.least_squares.reduced_residuals import Condensed, conde
 from fit_material.fitter.least_squares.residuals import Residuals
 from fit_material.fitter.least_squares.sample_halves import Halves
 from fit_material.fitter.least_squares.solvers import ROUGH, Solution
-from fit_material.fitter.materials.coordinates import (
-    Coordinates,
-    GlossyCoordinates,
-    Interval,
-    MatteCoordinates,
-    MetalCoordinates,
-    tint_of,
-)
-from fit_material.fitter.materials.linear_starts import STARTS, middling
-from fit_material.fitter.options.fidelity import Fidelity
+from fit_material.fitter.materials.coordinates import WidthInterval
+from fit_material.fitter.materials.linear_starts import widths
+from fit_material.fitter.materials.registry import FITTABLE
 from fit_material.renderer.light_tables.light_table import LightTable
-from fit_material.renderer.materials.catalogue import read_catalogue
-from fit_material.shaders.materials.quantities import MaterialType
-from fit_material.shaders.materials.types import Glossy, Material, Matte, Metal, material_type
-from fit_material.shaders.optics import fresnel
+from fit_material.shaders.materials.kinds import KINDS, MaterialType
+from fit_material.shaders.materials.types import Material
 
 SEARCH_SCATTER = 0.03  # of the relative difference, while nothing is known of it yet
 EXACT = 1e-6  # least scatter, where photographs are noiseless and there is nothing but the rounding of float32 tables
 MIDWAY = 4  # times the search's samples, between search and last round
 MORE_ROUNDS = 3  # where the roughness runs into an end of the last span
-DIELECTRIC = Interval(1e-3, 0.5)  # reflectance, of an index of 1.065 on; diamond's is 0.17. What mirrors less is matte
 
 
 @dataclass(frozen=True)
@@ -110,7 +99,7 @@ def draft(problem: Problem, kind: MaterialType) -> Fit:
 
 def _degrees(fit: Fit) -> float:
     """By which the environment is turned from where the problem has it."""
-    return float(fit.x[-1])
+    return fit.residuals.rotation(fit.x)
 
 
 def facing(problem: Problem, fit: Fit) -> Problem:
@@ -120,14 +109,16 @@ def facing(problem: Problem, fit: Fit) -> Problem:
 
 def _draft(problem: Problem, kind: MaterialType) -> Fit:
     model, seen = problem.pixels(kind), problem.observed.radiance
-    if material_type(kind).mirrors:
+    if KINDS[kind].mirrors:
         model = model.under(problem.search_table)
     plain = model.turns[1] if isinstance(model, TurnedPixels) else model
     gains = _guessed(problem, kind, plain)
     factors = 1.0 if gains is None else gains.factors(gains.nuisances.start)
     weight = relative_weight(seen / factors)
-    start = STARTS[kind](plain, seen / factors, weight)
-    coordinates = _COORDINATES[kind](start, model.table, problem.fidelity)
+    fittable = FITTABLE[kind]
+    start = fittable.start(plain, seen / factors, weight)
+    width = None if model.table is None else WidthInterval.of(model.table)
+    coordinates = fittable.coordinates(start, width, problem.fidelity)
     residuals = Residuals(model, coordinates, seen, even_whitening(weight / factors, SEARCH_SCATTER), gains)
     beside = seen.new_zeros(0) if gains is None else gains.nuisances.start
     solution = problem.solver(residuals, torch.cat([coordinates.free(start), beside]), ROUGH)
@@ -140,11 +131,17 @@ def _guessed(problem: Problem, kind: MaterialType, model: PixelModel) -> Gains |
     if problem.nuisances is None:
         return None
     photograph, seen = problem.observed.place[:, 0], problem.observed.radiance
-    ratio = (seen / model.radiance(middling(kind, model))).clamp_min(torch.finfo(seen.dtype).tiny).log()
+    ratio = (seen / model.radiance(_half_reflecting(kind, model))).clamp_min(torch.finfo(seen.dtype).tiny).log()
     guess = torch.zeros(problem.nuisances.photographs, 3, dtype=seen.dtype)
     for each in photograph.unique().tolist():
         guess[each] = ratio[photograph == each].median()
     return Gains(problem.nuisances.about(guess), photograph)
+
+
+def _half_reflecting(kind: MaterialType, model: PixelModel) -> Material:
+    """A material that reflects about half of the light; of what width, the median over pixels hardly depends on."""
+    levels = [] if model.table is None else widths(model)
+    return FITTABLE[kind].half_reflecting(levels[len(levels) // 2] if levels else None)
 
 
 def refined(problem: Problem, rough: Fit) -> Fit:
@@ -196,7 +193,7 @@ def next_round(problem: Problem, before: Fit, table: LightTable | None, everywhe
     coordinates, kind = before.residuals.coordinates, before.material.type
     model = problem.pixels(kind).under(table)
     if table is not None:
-        coordinates = replace(coordinates, roughness=_interval(table))  # type: ignore[call-arg]
+        coordinates = replace(coordinates, width=WidthInterval.of(table))  # type: ignore[call-arg]
     seen = problem.observed.radiance
     gains = before.residuals.gains
     beside = before.residuals.beside(before.x)
@@ -232,44 +229,9 @@ def _whitening(problem: Problem, picture: Float[Tensor, "p 3"], seen: Float[Tens
     return even_whitening(weight, max(scatter(((picture - seen) * weight)[measured]), EXACT))
 
 
-def _metal_coordinates(start: Metal, table: LightTable | None, fidelity: Fidelity) -> MetalCoordinates:
-    assert table is not None
-    return MetalCoordinates(_interval(table), None if fidelity.reflectance == "conductor" else _known_tint(start))
-
-
-def _glossy_coordinates(start: Glossy, table: LightTable | None, fidelity: Fidelity) -> GlossyCoordinates:
-    """Outside the viewer's model dielectrics reflect all channels alike."""
-    assert table is not None
-    reflectance, channels = (Interval(0.0, 1.0), 3) if fidelity.blurs else (DIELECTRIC, 1)
-    return GlossyCoordinates(_interval(table), reflectance, channels)
-
-
-def _matte_coordinates(start: Matte, table: LightTable | None, fidelity: Fidelity) -> MatteCoordinates:
-    return MatteCoordinates(channels=3 if fidelity.blurs else 1)
-
-
-_COORDINATES: Mapping[MaterialType, Callable[[Any, LightTable | None, Fidelity], Coordinates]] = {
-    "metal": _metal_coordinates,
-    "glossy": _glossy_coordinates,
-    "matte": _matte_coordinates,
-}
-"""The unknowns of a material of each type: by what a search starts from, the light table, and the fidelity."""
-
-
-def _known_tint(start: Metal) -> Float[Tensor, "3"]:
-    """For what sees F0 alone: the tint of the catalogue's metal with the nearest colour."""
-    known = [(torch.tensor(m.n, dtype=torch.float64), torch.tensor(m.k, dtype=torch.float64)) for m in read_catalogue()]
-    distance = [float((fresnel.normal_reflectance(n, k) - start.f0).norm()) for n, k in known]
-    return tint_of(*known[min(range(len(known)), key=distance.__getitem__)])
-
-
-def _interval(table: LightTable) -> Interval:
-    return Interval(table.low, table.high, table.scale == "log")
-
-
 def roughness_of(fit: Fit) -> float:
     material = fit.material
-    return 0.0 if material.roughness is None else float(material.roughness)
+    return 0.0 if material.width is None else float(material.width.value)
 
 
 def _span_around(roughness: float, factor: float, whole: tuple[float, float]) -> tuple[float, float]:
@@ -285,7 +247,7 @@ def is_roughness_resolved(fit: Fit) -> bool:
     if residuals.model.table is None or residuals.model.table.light.shape[1] == 1:
         return True
     halves = Halves.at(fit.x, residuals, residuals.robust_whitening(fit.x))
-    return bool(halves.resolved[residuals.coordinates.size - 1])
+    return bool(halves.resolved[residuals.coordinates.slices["width"]].all())
 
 
 def _turned_away(fit: Fit) -> bool:
@@ -299,7 +261,7 @@ def _turned_away(fit: Fit) -> bool:
 def left_its_table(problem: Problem, fit: Fit) -> bool:
     """Whether the roughness ran into an end of its table's span, in the outer twentieth, that is no end of the whole
     range."""
-    span = fit.residuals.coordinates.roughness
+    span = fit.residuals.coordinates.width
     if span is None:
         return False
     low, high, whole, roughness = span.low, span.high, problem.whole, roughness_of(fit)

@@ -13,10 +13,8 @@ from fit_material.fitter.estimation.coarse_to_fine import Fit, Problem, draft, f
 from fit_material.fitter.estimation.roughness_survey import surveyed
 from fit_material.fitter.least_squares.noise import relative_weight, scatter
 from fit_material.fitter.least_squares.residuals import ROBUST_AT, huber
-from fit_material.shaders.materials.quantities import MaterialType
-from fit_material.shaders.materials.types import material_type
+from fit_material.shaders.materials.kinds import KINDS, MaterialType
 
-KINDS: tuple[MaterialType, ...] = ("metal", "glossy", "matte")
 HOPELESS = 2.0  # times the least squared difference at the drafts' accuracy: no refinement makes up for that
 ROUNDING = 1e-5  # relative, of single precision through tables, levels and lookups
 DECISIVE = 10.0  # of a difference in BIC: "very strong" [Kass & Raftery 1995, table]
@@ -64,7 +62,7 @@ def _is_hopeful(kind: MaterialType, rough: Mapping[MaterialType, float], count: 
     Where the matte one is best, none other may: it is a glossy one that mirrors nothing, and if mirroring gained
     nothing by a coarse table, it gains nothing by a fine one.
     """
-    best = [each for each, behind in rough.items() if behind == 0 and not material_type(each).mirrors]
+    best = [each for each, behind in rough.items() if behind == 0 and not KINDS[each].mirrors]
     if best:
         return kind in best
     return rough[kind] <= count * math.log(HOPELESS)

@@ -20,8 +20,7 @@ from fit_material.fitter.observations.pixel_selection import Observations
 from fit_material.fitter.options.fidelity import BLUR_RANGE, MICROFACET_RANGE, Fidelity
 from fit_material.fitter.options.progress import Progress
 from fit_material.renderer.light_tables.light_table import LightTable
-from fit_material.shaders.materials.quantities import MaterialType
-from fit_material.shaders.materials.types import material_type
+from fit_material.shaders.materials.kinds import KINDS, MaterialType
 
 
 @dataclass(frozen=True)
@@ -108,4 +107,4 @@ class Problem:
 
     def pixels(self, kind: MaterialType) -> PixelModel:
         """The pixels' model, with what that type calls for and nothing else, and without a table so far."""
-        return self._body if material_type(kind).has_body else self._surface
+        return self._body if KINDS[kind].has_body else self._surface

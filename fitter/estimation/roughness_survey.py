@@ -106,7 +106,7 @@ class _Survey:
         low, high = max(known[0] - 1, 0), min(known[-1] + 1, len(self.fits) - 1)
         x = torch.stack([self.fits[each].x for each in known])
         moved = x - self.fits[self.nearest].x
-        moved[:, self.fits[0].residuals.coordinates.size - 1] = 0.0
+        moved[:, self.fits[0].residuals.coordinates.slices["width"]] = 0.0
         return Alike((self.roughness[low], self.roughness[high]), moved)
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 import torch
@@ -17,7 +17,8 @@ from fit_material.fitter.options.fidelity import BLUR_RANGE
 from fit_material.renderer.images.display import tone_mapped, white_point
 from fit_material.renderer.viewer_model.shading import far_light
 from fit_material.renderer.viewer_model.viewer_light import Surroundings
-from fit_material.shaders.materials.types import Glossy, Metal
+from fit_material.shaders.materials.types import Material
+from fit_material.shaders.materials.widths import Blur, blur_like
 from fit_material.shaders.shade import Points, shade
 
 PIXELS = 1000
@@ -25,7 +26,6 @@ PARTS = 8
 WITHIN = 4.0  # factor around the first guess, both ways
 COARSE_STEPS = 33
 ROUNDING = 2.4e-7  # of a tone-mapped picture from a float32 map
-RHO_PER_ALPHA = 2 * math.sqrt(2)  # of a narrow Beckmann lobe; a first guess for other lobes [MODEL.md 6]
 
 
 @dataclass(frozen=True)
@@ -48,7 +48,7 @@ def _is_seen(costs: Float[np.ndarray, "r p"]) -> bool:
 
 
 def viewer_roughness(
-    observed: Observations, light: Surroundings, material: Metal | Glossy, tint: Float[Tensor, "p 3"] | None = None
+    observed: Observations, light: Surroundings, material: Material, tint: Float[Tensor, "p 3"] | None = None
 ) -> ViewerRoughness:
     """Fit ρ with n and k, or colour and reflectance, held, in the model by which the viewer shades [MODEL.md 3, 4].
 
@@ -69,11 +69,12 @@ def viewer_roughness(
     of_environment = far_light(light)
 
     def residual(rho: float) -> Float[np.ndarray, "p 3"]:
-        picture = shade(replace(material, roughness=torch.tensor(rho, dtype=torch.float64)), points, of_environment)
+        picture = shade(material.with_width(Blur(torch.tensor(rho, dtype=torch.float64))), points, of_environment)
         return tone_mapped(picture.numpy(), white) - tone_mapped(seen, white)
 
     # The blur of a real map has several minima in ρ. A coarse look around the first guess 2√2·alpha finds the valley.
-    guess = float(material.roughness) * RHO_PER_ALPHA
+    assert material.width is not None
+    guess = float(blur_like(material.width).value)
     coarse = np.geomspace(guess / WITHIN, min(guess * WITHIN, BLUR_RANGE[1]), COARSE_STEPS)
     costs = np.stack([(residual(rho) ** 2).sum(1) for rho in coarse])
     best = int(costs.sum(1).argmin())

@@ -10,7 +10,7 @@ from fit_material.fitter.export.values import front_color, given, identifiers, i
 from fit_material.fitter.result.formatting import remarks
 from fit_material.fitter.result.schema import FittedMaterial
 from fit_material.renderer.errors.printable import printable
-from fit_material.shaders.materials.quantities import MaterialType
+from fit_material.shaders.materials.kinds import MaterialType
 
 BETWEEN = ", "
 

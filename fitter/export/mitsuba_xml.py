@@ -17,8 +17,8 @@ from fit_material.fitter.export.values import (
 )
 from fit_material.fitter.result.formatting import remarks
 from fit_material.fitter.result.schema import FittedMaterial
-from fit_material.renderer.mitsuba.conversion import Bsdf, conductor, diffuse, plastic
-from fit_material.shaders.materials.quantities import MaterialType
+from fit_material.renderer.materials.bsdf import Bsdf, conductor, diffuse, plastic
+from fit_material.shaders.materials.kinds import MaterialType
 
 
 def mitsuba_xml(materials: Sequence[FittedMaterial]) -> str:

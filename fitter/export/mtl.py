@@ -14,7 +14,8 @@ from types import MappingProxyType
 from fit_material.fitter.export.values import front_color, given, number, numbers
 from fit_material.fitter.result.schema import FittedMaterial
 from fit_material.renderer.materials.mtl_syntax import written_names
-from fit_material.shaders.materials.types import TYPE_CODES, material_type
+from fit_material.shaders.materials.kinds import KINDS
+from fit_material.shaders.materials.types import type_codes
 
 ILLUM: Mapping[str, int] = MappingProxyType({"matte": 1, "glossy": 2, "metal": 3})
 """The ordinary `illum`: diffuse, with highlight, with reflection."""
@@ -42,7 +43,7 @@ NO_MAPS: Mapping[str, Maps] = MappingProxyType({})
 
 def thesis_mtl(
     materials: Sequence[FittedMaterial],
-    codes: Mapping[str, int] = TYPE_CODES,
+    codes: Mapping[str, int] | None = None,
     maps: Mapping[str, Maps] = NO_MAPS,
 ) -> str:
     """Materials in the thesis's dialect [thesis, table 3.2; MODEL.md, 5].
@@ -56,20 +57,23 @@ def thesis_mtl(
     Of a material with a colour map of its own, which holds the whole colour, `Kd` is white.
 
     Args:
-        codes: what `Ns` says for each type; readers such as Assimp 3.2 need other numbers.
+        codes: what `Ns` says for each type, the thesis's numbers where left out; readers such as Assimp 3.2 need
+            others.
         maps: texture files by the material's name, in place of its own.
 
     Raises:
         ValueError: a number that the table asks for is missing, not finite, or beyond float32.
     """
 
+    type_code = type_codes() if codes is None else codes
+
     def body(material: FittedMaterial, files: Maps) -> Lines:
-        kind = material_type(material.type)
-        ambient, diffuse = ("reflectance", "color") if kind.has_body else ("k", "n")
-        yield f"Ns {codes[material.type]}"
-        yield _triple("Ka", given(material, ambient))
-        yield _triple("Kd", given(material, diffuse))
-        yield _triple("Ks", [given(material, "roughness") if kind.mirrors else 0.0] * 3)
+        kind = KINDS[material.type]
+        by_key = {quantity.mtl: quantity.name for quantity in kind.quantities}
+        yield f"Ns {type_code[material.type]}"
+        yield _triple("Ka", given(material, by_key["Ka"]))
+        yield _triple("Kd", given(material, by_key["Kd"]))
+        yield _triple("Ks", [given(material, by_key["Ks"]) if kind.mirrors else 0.0] * 3)
         if files.ambient_occlusion:  # before map_Kd: F3D takes whichever comes last for the colour
             yield _texture("map_Ka", files.ambient_occlusion)
         if files.color:
@@ -103,7 +107,7 @@ def ordinary_mtl(materials: Sequence[FittedMaterial], maps: Mapping[str, Maps] =
 
     def body(material: FittedMaterial, files: Maps) -> Lines:
         front, highlight = _ordinary_colors(material)
-        kind = material_type(material.type)
+        kind = KINDS[material.type]
         alpha = given(material, "alpha") if kind.mirrors else 1.0
         yield _triple("Kd", front)
         yield _triple("Ks", highlight)

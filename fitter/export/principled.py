@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 from fit_material.fitter.export.values import Rgb, front_color, given, index_and_tint
 from fit_material.fitter.result.schema import FittedMaterial
-from fit_material.shaders.materials.quantities import MaterialType
+from fit_material.shaders.materials.kinds import MaterialType
 
 WHITE: Rgb = (1.0, 1.0, 1.0)
 

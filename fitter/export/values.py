@@ -11,7 +11,7 @@ import torch
 from fit_material.fitter.result.schema import FittedMaterial
 from fit_material.renderer.errors.printable import printable
 from fit_material.renderer.materials.mtl_syntax import FLOAT32_MAX, distinct
-from fit_material.shaders.materials.quantities import MaterialType
+from fit_material.shaders.materials.kinds import MaterialType
 from fit_material.shaders.optics.fresnel import index_limit
 
 Rgb = tuple[float, float, float]

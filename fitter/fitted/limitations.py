@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 
 from fit_material.fitter.fitted.part import FittedPart
+from fit_material.fitter.materials.registry import FITTABLE
 from fit_material.fitter.observations.scene_data import Loaded
 from fit_material.fitter.options.fidelity import Fidelity
 from fit_material.fitter.result.schema import FittedMaterial
-from fit_material.renderer.materials.catalogue import DARKEST_MATTE, DARKEST_METAL
-from fit_material.shaders.materials.types import material_type
+from fit_material.shaders.materials.kinds import KINDS
 
 NAMED = 3  # photographs, at most
-DARKEST: Mapping[str, tuple[str, float]] = {"metal": ("f0", DARKEST_METAL), "matte": ("color", DARKEST_MATTE)}
 """What no material of a type has less of; a glossy one may have a black body."""
 
 
@@ -61,7 +60,7 @@ def _on_the_model(parts: Sequence[FittedPart], fidelity: Fidelity) -> Iterator[s
                 f"{part.material.name} returns less light than any {part.material.type} material:"
                 " exposures or the environment's scale are wrong."
             )
-    if fidelity.blurs and any(material_type(part.material.type).mirrors for part in parts):
+    if fidelity.blurs and any(KINDS[part.material.type].mirrors for part in parts):
         yield (
             "The viewer's blur follows no real lobe closely: F0 and roughness make up for the difference, which their"
             " errors do not count."
@@ -70,8 +69,9 @@ def _on_the_model(parts: Sequence[FittedPart], fidelity: Fidelity) -> Iterator[s
 
 def is_too_dark(material: FittedMaterial) -> bool:
     """Whether no material of that type is as dark."""
-    if material.type not in DARKEST:
+    darkest = FITTABLE[material.type].darkest
+    if darkest is None:
         return False
-    key, least = DARKEST[material.type]
-    found = getattr(material, key)
+    quantity, least = darkest
+    found = getattr(material, quantity.name)
     return found is not None and max(found) < least

@@ -16,6 +16,8 @@ from fit_material.fitter.least_squares.nuisances import Nuisances, Unknown
 from fit_material.fitter.result.schema import CHANNELS, Nuisance
 from fit_material.fitter.uncertainty.profile_likelihood import intervals
 
+FACTOR_RESOLVED = 0.05  # relative half width of a 95 % interval below which a factor counts as determined
+ROTATION_RESOLVED = 1.0  # the same of the environment's rotation, in degrees
 WORDS = {
     "exposure": "exposure",
     "white_balance": "white balance",
@@ -120,20 +122,21 @@ def _record(fit: Fit, spread: Spread, index: int, names: Sequence[str]) -> Nuisa
         value=value,
         stderr=_error(fit, spread, index) * (1 if unknown.key == "rotation" else value),
         interval95=(low, high),
-        determined=fit.solution.status == "converged" and is_determined(_rule(unknown), value, (low, high)),
+        determined=fit.solution.status == "converged" and is_determined(_resolution(unknown), value, (low, high)),
         before95=tuple(unknown.value(before).tolist()),
         by_surroundings=bool(nuisances.told[index]),
     )
 
 
-def _rule(unknown: Unknown) -> str:
-    return "rotation" if unknown.key == "rotation" else "exposure"
+def _resolution(unknown: Unknown) -> tuple[float, float]:
+    """Relative and absolute half width of an interval that counts as determined."""
+    return (0.0, ROTATION_RESOLVED) if unknown.key == "rotation" else (FACTOR_RESOLVED, 0.0)
 
 
 def turned(setting: Setting, fit: Fit) -> Setting:
     """The light with the environment as a fit has it turned, where that was unknown."""
     gains = fit.residuals.gains
-    return setting if gains is None or gains.nuisances.turn is None else setting.turned(float(fit.x[-1]))
+    return setting if gains is None or gains.nuisances.turn is None else setting.turned(fit.residuals.rotation(fit.x))
 
 
 def _listed(records: Sequence[Nuisance]) -> str:

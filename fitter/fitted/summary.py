@@ -7,9 +7,10 @@ from typing import TypeVar
 
 from fit_material.fitter.estimation.coarse_to_fine import Fit
 from fit_material.fitter.estimation.model_selection import DECISIVE, Choice
-from fit_material.fitter.estimation.viewer_roughness import RHO_PER_ALPHA, ViewerRoughness
+from fit_material.fitter.estimation.viewer_roughness import ViewerRoughness
 from fit_material.fitter.fitted.determinability import Seen, on_the_prior, sees_f0_only, verdicts
 from fit_material.fitter.least_squares.covariance import Spread, is_determined
+from fit_material.fitter.materials.registry import FITTABLE
 from fit_material.fitter.metal_prior.borrowed import Borrowed, TooFar
 from fit_material.fitter.metal_prior.substitution import from_prior, with_prior
 from fit_material.fitter.result.schema import (
@@ -22,15 +23,22 @@ from fit_material.fitter.result.schema import (
     Status,
 )
 from fit_material.fitter.uncertainty.correlation import correlation
-from fit_material.fitter.uncertainty.estimates import QUANTITIES, Measured, measured, of_viewer, paired, rule, unseen
-from fit_material.shaders.materials.types import material_type
+from fit_material.fitter.uncertainty.estimates import (
+    Measured,
+    measured,
+    of_viewer,
+    paired,
+    reported_quantities,
+    resolution,
+    unseen,
+)
+from fit_material.shaders.materials.kinds import KINDS
+from fit_material.shaders.materials.quantities import ALPHA, ROUGHNESS, K, N
+from fit_material.shaders.materials.widths import RHO_PER_ALPHA
 
 T = TypeVar("T")
 
 NO_METAL_BEYOND = 0.995  # silver, the most reflective, has F0 = 0.988
-
-ESSENTIAL = {"metal": ("f0", "alpha"), "glossy": ("color", "f0", "alpha"), "matte": ("color",)}
-"""What must be determined for a fit to have a usable material."""
 
 
 def fitted_material(
@@ -55,14 +63,16 @@ def fitted_material(
         borrowed: n and k as known metals suggest them, for the channels whose own are not determined.
     """
     kind, viewers = fit.material.type, rho is None and fit.material.mirrors
-    found = {key: measured(fit, spread, key) for key in QUANTITIES[kind]}
-    if {"n", "k"} <= found.keys():
+    found = {each.name: measured(fit, spread, each) for each in reported_quantities(fit.material)}
+    if {N.name, K.name} <= found.keys():
         blind = sees_f0_only(fit.residuals.coordinates)
-        found |= {key: unseen(fit, key) for key in ("n", "k")} if blind else paired(found["n"], found["k"], fit)
+        found |= (
+            {each.name: unseen(fit, each) for each in (N, K)} if blind else paired(found[N.name], found[K.name], fit)
+        )
     if viewers:
-        found["alpha"] = [Measured(found["roughness"][0].value / RHO_PER_ALPHA)]
+        found[ALPHA.name] = [Measured(found[ROUGHNESS.name][0].value / RHO_PER_ALPHA)]
     elif rho is not None:
-        found["alpha"], found["roughness"] = found["roughness"], [of_viewer(rho)]
+        found[ROUGHNESS.name] = [of_viewer(rho)]
     errors = correlation(fit, spread, found)
     trusted = fit.solution.status == "converged"
     known = {key: [trusted and _is_determined(kind, key, each) for each in found[key]] for key in found}
@@ -86,7 +96,7 @@ def fitted_material(
 def _is_determined(kind: str, key: str, number: Measured) -> bool:
     if number.stderr is None or number.interval is None:
         return False
-    return is_determined(rule(kind, key), number.value, number.interval)
+    return is_determined(resolution(kind, key), number.value, number.interval)
 
 
 def status_of(choices: Sequence[Choice], materials: Sequence[FittedMaterial]) -> Status:
@@ -99,8 +109,9 @@ def status_of(choices: Sequence[Choice], materials: Sequence[FittedMaterial]) ->
 def _is_usable(material: FittedMaterial) -> bool:
     in_viewers_model = material.interval95.alpha is None
     verdicts: list[bool | None] = []
-    for key in ESSENTIAL[material.type]:
-        verdict = getattr(material.determined, "roughness" if key == "alpha" and in_viewers_model else key)
+    for quantity in FITTABLE[material.type].essential:
+        seen = ROUGHNESS if quantity == ALPHA and in_viewers_model else quantity
+        verdict = getattr(material.determined, seen.name)
         verdicts += verdict if isinstance(verdict, tuple) else [verdict]
     return all(verdicts)
 
@@ -112,7 +123,7 @@ def describe(choice: Choice, material: FittedMaterial, seen: Seen, borrowed: Bor
     ending = f"converged {steps}" if fit.solution.status == "converged" else f"stopped {steps} without converging"
     sentences = [f"The fit {ending}.", *_on_the_type(choice), *verdicts(material, seen)]
     sentences += on_the_prior(material, borrowed)
-    limit = 1.0 if material_type(material.type).has_body else NO_METAL_BEYOND
+    limit = 1.0 if KINDS[material.type].has_body else NO_METAL_BEYOND
     shining = [channel for channel, f0 in zip(CHANNELS, material.f0 or (), strict=False) if f0 > limit]
     if shining:
         sentences.append(

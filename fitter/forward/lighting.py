@@ -145,9 +145,9 @@ class Setting:
 
     def table_of(self, material: Material, surface: GBuffer, samples: int) -> LightTable | None:
         """The light through the lobe of one material alone; None of one that mirrors nothing."""
-        if material.roughness is None:
+        if material.width is None:
             return None
-        roughness = float(material.roughness)
+        roughness = float(material.width.value)
         span = (roughness * 0.999, roughness * 1.001, 1)  # the one level lies in their middle
         return self.table(surface, span, samples)
 

@@ -23,7 +23,7 @@ from fit_material.shaders.lights import DirectionalLight
 from fit_material.shaders.materials.fresnel_models import exact_reflectance, viewer_reflectance
 from fit_material.shaders.materials.lobes import Diffuse, Factor, MicrofacetLobe, Specular
 from fit_material.shaders.materials.material import MaterialReflectance
-from fit_material.shaders.materials.types import Glossy, Material, Matte
+from fit_material.shaders.materials.types import Material
 from fit_material.shaders.optics import microfacets
 from fit_material.shaders.shade import Illumination, Points, shade
 
@@ -173,7 +173,7 @@ class ExactPixels(MixedPixels):
         """Radiance of every pixel: the sum over the material's lobes."""
         return functools.reduce(operator.add, map(self._lobe, self._lobes(material)))
 
-    def sent_by_body(self, material: Glossy | Matte) -> Float[Tensor, "p 3"]:
+    def sent_by_body(self, material: Material) -> Float[Tensor, "p 3"]:
         """Light from the diffuse body, which needs no table."""
         diffuse = (lobe for lobe in self._lobes(material) if isinstance(lobe, Diffuse))
         return functools.reduce(operator.add, map(self._lobe, diffuse))

@@ -11,7 +11,7 @@ from torch import Tensor
 
 from fit_material.fitter.forward.pixel_model import PixelModel
 from fit_material.renderer.light_tables.light_table import LightTable
-from fit_material.shaders.materials.types import Glossy, Material, Matte
+from fit_material.shaders.materials.types import Material
 
 LEAST_COLOR = 1e-3  # mean colour of places, below which a tint would only be noise
 
@@ -39,8 +39,8 @@ class TexturedPixels(PixelModel):
         surface, body = surface_and_body(self.model, material)
         return surface + material.color * self.tint_by(surface, body) * body
 
-    def tint(self, material: Glossy | Matte) -> Float[Tensor, "p 3"]:
-        """The tint of every pixel under a material, glossy or matte."""
+    def tint(self, material: Material) -> Float[Tensor, "p 3"]:
+        """The tint of every pixel under a material that has a body."""
         return self.tint_by(*surface_and_body(self.model, material))
 
     @abstractmethod
@@ -95,10 +95,11 @@ class SpottedPixels(TexturedPixels):
         return (color / color.mean(0).clamp_min(LEAST_COLOR))[index]
 
 
-def surface_and_body(model: PixelModel, material: Glossy | Matte) -> tuple[Float[Tensor, "p 3"], Float[Tensor, "p 3"]]:
+def surface_and_body(model: PixelModel, material: Material) -> tuple[Float[Tensor, "p 3"], Float[Tensor, "p 3"]]:
     """What the surface mirrors, and what a white body below it would send out."""
-    white = model.radiance(replace(material, color=torch.ones_like(material.color)))
+    assert material.color is not None
+    white = model.radiance(material.with_color(torch.ones_like(material.color)))
     if not material.mirrors:
         return torch.zeros_like(white), white
-    surface = model.radiance(replace(material, color=torch.zeros_like(material.color)))
+    surface = model.radiance(material.with_color(torch.zeros_like(material.color)))
     return surface, white - surface

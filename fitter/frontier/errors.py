@@ -14,7 +14,7 @@ from fit_material.fitter.result.schema import FittedMaterial
 from fit_material.renderer.errors.input_error import InputError
 from fit_material.renderer.files.regular_files import read_text
 from fit_material.renderer.files.validation import Checked, check
-from fit_material.shaders.materials.quantities import MaterialType
+from fit_material.shaders.materials.kinds import MaterialType
 
 TRUTH = "truth.json"
 NUMBERS = ("n", "k", "f0", "alpha", "color")

@@ -21,31 +21,6 @@ MOST_BIAS = 3.0  # standard errors that a step may take: of few pixels, halves k
 UNBIASED_STEPS, UNBIASED_WITHIN = 32, 0.01  # at most so many, until one is that part of a standard error
 DAMPED = 0.1  # share of the information by which a step that led upwards is shortened first, and each time tenfold
 
-# A number counts as determined while the half width of its 95 % interval stays below this share of the value, or
-# below this absolute width: beyond it the interval no longer tells one metal from its neighbours.
-DETERMINED_RELATIVE = {
-    "n": 0.1,
-    "k": 0.1,
-    "f0": 0.05,
-    "alpha": 0.25,
-    "roughness": 0.25,
-    "color": 0.05,
-    "reflectance": 0.05,
-    "exposure": 0.05,
-    "rotation": 0.0,
-}
-DETERMINED_ABSOLUTE = {
-    "n": 0.0,
-    "k": 0.0,
-    "f0": 0.02,
-    "alpha": 0.005,
-    "roughness": 0.02,
-    "color": 0.02,
-    "reflectance": 0.005,
-    "exposure": 0.0,
-    "rotation": 1.0,
-}
-
 
 @dataclass(frozen=True)
 class Spread:
@@ -158,7 +133,12 @@ def intervals95(
     return ends.amin(0), ends.amax(0)
 
 
-def is_determined(parameter: str, value: float, interval: tuple[float, float]) -> bool:
-    """Whether the 95 % interval is narrow enough to mean something; see `DETERMINED_RELATIVE`."""
-    widest = max(DETERMINED_RELATIVE[parameter] * abs(value), DETERMINED_ABSOLUTE[parameter])
+def is_determined(resolved: tuple[float, float], value: float, interval: tuple[float, float]) -> bool:
+    """Whether the 95 % interval is narrow enough to mean something.
+
+    Args:
+        resolved: relative and absolute half width, of which the wider one holds, as `Quantity.resolved`.
+    """
+    relative, absolute = resolved
+    widest = max(relative * abs(value), absolute)
     return interval[1] - interval[0] <= 2 * widest

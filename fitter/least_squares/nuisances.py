@@ -124,12 +124,17 @@ class Nuisances:
         rest = self.unknowns[:-1]
         return replace(self, unknowns=rest, mean=mean, root=root, told=told, turn=None) if rest else None
 
-    def with_turn_found(self, degrees: float, error: float) -> Nuisances:
-        """The same with the environment's rotation as a fit has found it, for a model that cannot turn it."""
+    def with_rotation_found(self, z: Float[Tensor, " z"], covariance: Float[Tensor, "x x"]) -> Nuisances:
+        """The same with the environment's rotation as a fit has found it, for a model that cannot rotate it.
+
+        Args:
+            z: as the fit has found them.
+            covariance: of the fit's free vector, which ends with z.
+        """
         if self.turn is None:
             return self
         mean, root = self.mean.clone(), self.root.clone()
-        mean[-1], root[-1, -1] = degrees, 1 / error
+        mean[-1], root[-1, -1] = float(self.rotation(z)), 1 / float(covariance[-1, -1].sqrt())
         return replace(self, mean=mean, root=root, turn=None)
 
     @property
@@ -142,7 +147,11 @@ class Nuisances:
     def steps(self, z: Float[Tensor, " z"]) -> Float[Tensor, ""]:
         """How far the environment is turned from the middle of `turn`, in its steps."""
         assert self.turn is not None
-        return (z[-1] - self.turn.centre) / self.turn.step
+        return (self.rotation(z) - self.turn.centre) / self.turn.step
+
+    def rotation(self, z: Float[Tensor, " z"]) -> Float[Tensor, ""]:
+        """Degrees by which the environment is rotated: the last unknown, where it is one."""
+        return z[-1]
 
     @cached_property
     def counts(self) -> Float[Tensor, "z v 3"]:

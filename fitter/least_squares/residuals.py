@@ -75,6 +75,11 @@ class Residuals:
         """The free numbers that are not the material's."""
         return x[self.coordinates.size :]
 
+    def rotation(self, x: Float[Tensor, " x"]) -> float:
+        """Degrees by which the environment is rotated, which the problem has to be unknown."""
+        assert self.gains is not None
+        return float(self.gains.nuisances.rotation(self.beside(x)))
+
     def difference(self, x: Float[Tensor, " x"]) -> Float[Tensor, "p 3"]:
         """Model less photograph; of lower bounds, what is missing to them and to what noise may have lifted there."""
         found = self.picture(x) - self.photograph

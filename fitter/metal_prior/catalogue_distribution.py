@@ -10,7 +10,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from fit_material.fitter.materials.coordinates import tint_of
+from fit_material.fitter.materials.metal import tint_of
 from fit_material.renderer.materials.catalogue import Metal
 from fit_material.shaders.optics import fresnel
 

@@ -11,7 +11,8 @@ from torch import Tensor
 
 from fit_material.fitter.least_squares.covariance import Spread
 from fit_material.fitter.least_squares.reduced_residuals import Condensed
-from fit_material.fitter.materials.coordinates import TINT_WIDTH, Interval, MetalCoordinates
+from fit_material.fitter.materials.coordinates import WidthInterval
+from fit_material.fitter.materials.metal import TINT_WIDTH, MetalCoordinates
 from fit_material.fitter.metal_prior.catalogue_distribution import Shape
 from fit_material.fitter.metal_prior.nearest_metals import covariance_of
 from fit_material.fitter.uncertainty.deviance import Valley, dispersion_of
@@ -22,6 +23,7 @@ if TYPE_CHECKING:
 
 COS_D = (0.7, 0.5, 0.34)  # 45°, 60°, 70°: the mean reflectance there follows what pictures tell of the tint
 FAR = 2.0  # tints: beyond, every curve is flat
+SHAPE = MetalCoordinates(WidthInterval(0.0, 1.0))  # of whose free vector the shape is the beginning
 
 
 class Likelihood(Protocol):
@@ -60,7 +62,7 @@ def likelihood(fit: Fit, spread: Spread) -> Likelihood:
     coordinates = fit.residuals.coordinates
     assert isinstance(coordinates, MetalCoordinates)
     if coordinates.tint is None and fit.condensate is not None:
-        return InPictures.around(fit.condensate, fit.x, spread)
+        return InPictures.around(fit.condensate, fit.x, coordinates, spread)
     return InReflectance.around(fit.x, coordinates, spread)
 
 
@@ -73,7 +75,8 @@ class InPictures:
 
     Attributes:
         condensate: of the fit.
-        x: its free vector; the first six numbers are the shape.
+        x: its free vector.
+        shape: where its numbers of n and k lie, at the beginning.
         removed: δ of `valley.Valley`.
         along: orthonormal columns that span what the rest of the free vector does to the residuals.
         scale: √κ: how many of the weights' standard deviations one of the noise is.
@@ -81,6 +84,7 @@ class InPictures:
 
     condensate: Condensed
     x: Float[Tensor, " x"]
+    shape: slice
     removed: Float[Tensor, " r"]
     along: Float[Tensor, "y z"]
     scale: Float[Tensor, ""]
@@ -88,32 +92,35 @@ class InPictures:
     freedom = 6
 
     @staticmethod
-    def around(condensate: Condensed, x: Float[Tensor, " x"], spread: Spread) -> InPictures:
-        own = torch.eye(len(x), dtype=x.dtype)[:6]
-        valley = Valley.around(condensate, lambda x: x[:6], x, dispersion_of(condensate, x, own, spread))
+    def around(
+        condensate: Condensed, x: Float[Tensor, " x"], coordinates: MetalCoordinates, spread: Spread
+    ) -> InPictures:
+        shape = coordinates.shape
+        own = torch.eye(len(x), dtype=x.dtype)[shape]
+        valley = Valley.around(condensate, lambda x: x[shape], x, dispersion_of(condensate, x, own, spread))
         known = valley.dispersion[valley.dispersion.isfinite()]
         scale = (known.median() if len(known) else torch.ones_like(x[0])).sqrt()
-        of_rest = _without_tints(condensate, condensate.jacobian(x))[:, 6:]
-        return InPictures(condensate, x, valley.removed, torch.linalg.qr(of_rest).Q, scale)
+        of_rest = _without_tints(condensate, condensate.jacobian(x))[:, shape.stop :]
+        return InPictures(condensate, x, shape, valley.removed, torch.linalg.qr(of_rest).Q, scale)
 
     @property
     def f0(self) -> Float[Tensor, "3"]:
-        return torch.sigmoid(self.x[:3])
+        return torch.sigmoid(self.x[SHAPE.slices["reflectivity"]])
 
     @property
     def least(self) -> float:
-        return float(self(self.x[:6]).square().sum())
+        return float(self(self.x[self.shape]).square().sum())
 
     def __call__(self, shape: Shape) -> Float[Tensor, "*s y"]:
-        free = torch.cat([shape, self.x[6:].expand(*shape.shape[:-1], -1)], -1)
+        free = torch.cat([shape, self.x[self.shape.stop :].expand(*shape.shape[:-1], -1)], -1)
         residuals = torch.vmap(lambda x: self.condensate(x))(free.reshape(-1, len(self.x)))
         return self._across(_without_tints(self.condensate, (residuals - self.removed).T)).T.reshape(
             *shape.shape[:-1], -1
         )
 
     def slope(self, shape: Float[Tensor, "6"]) -> Float[Tensor, "y 6"]:
-        jacobian = self.condensate.jacobian(torch.cat([shape, self.x[6:]]))
-        return self._across(_without_tints(self.condensate, jacobian[:, :6]))
+        jacobian = self.condensate.jacobian(torch.cat([shape, self.x[self.shape.stop :]]))
+        return self._across(_without_tints(self.condensate, jacobian[:, self.shape]))
 
     def _across(self, residuals: Float[Tensor, "y q"]) -> Float[Tensor, "y q"]:
         return (residuals - self.along @ (self.along.T @ residuals)) / self.scale
@@ -141,8 +148,8 @@ class InReflectance:
     @staticmethod
     def around(x: Float[Tensor, " x"], coordinates: MetalCoordinates, spread: Spread) -> InReflectance:
         """Without the wide prior on tint that the fit holds already."""
-        count = 6 if coordinates.tint is None else 3
-        at = torch.cat([x[:3], x[3:6] if coordinates.tint is None else coordinates.tint])
+        count = coordinates.shape.stop
+        at = x[coordinates.shape] if coordinates.tint is None else torch.cat([x[coordinates.shape], coordinates.tint])
 
         own = covariance_of(lambda each: each, x[:count], Spread(spread.covariance[:count, :count]))
         precision = torch.linalg.inv(own + 1e-10 * torch.eye(count, dtype=own.dtype))
@@ -168,8 +175,7 @@ class InReflectance:
 
 def indices(shape: Shape) -> tuple[Float[Tensor, "*s 3"], Float[Tensor, "*s 3"]]:
     """n and k."""
-    coordinates = MetalCoordinates(Interval(0.0, 1.0))
-    metal = coordinates.material(torch.cat([shape.movedim(-1, 0), torch.zeros_like(shape[None, ..., 0])]))
+    metal = SHAPE.material(torch.cat([shape.movedim(-1, 0), torch.zeros_like(shape[None, ..., 0])]))
     return metal.n.movedim(0, -1), metal.k.movedim(0, -1)
 
 

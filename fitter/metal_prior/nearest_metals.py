@@ -10,7 +10,7 @@ from torch import Tensor
 
 from fit_material.fitter.least_squares.covariance import Spread
 from fit_material.fitter.least_squares.jacobian import Function, jacobian
-from fit_material.fitter.materials.coordinates import MetalCoordinates
+from fit_material.fitter.materials.metal import MetalCoordinates
 from fit_material.fitter.result.schema import Nearest
 from fit_material.renderer.materials.catalogue import Metal, read_catalogue
 from fit_material.shaders.optics import fresnel
@@ -41,15 +41,14 @@ def nearest_metals(
         metal = coordinates.material(free)
         return fresnel.conductor(cos_d, metal.n, metal.k).flatten()
 
+    unknowns = coordinates.shape.stop  # those of n and k
     fitted, covariance = curve(x), covariance_of(curve, x, spread)
     covariance = covariance + FLOOR**2 * torch.eye(len(fitted), dtype=torch.float64)
 
     def distance(known: Metal) -> float:
         reflectance = fresnel.conductor(cos_d, *(torch.tensor(v, dtype=torch.float64) for v in (known.n, known.k)))
         difference = reflectance.flatten() - fitted
-        return float(
-            (difference @ torch.linalg.solve(covariance, difference) / (coordinates.size - 1)).clamp_min(0).sqrt()
-        )
+        return float((difference @ torch.linalg.solve(covariance, difference) / unknowns).clamp_min(0).sqrt())
 
     known_metals = read_catalogue() if metals is None else metals
     found = [Nearest(name=metal.title, distance=distance(metal)) for metal in known_metals]

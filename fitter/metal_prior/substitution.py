@@ -11,7 +11,7 @@ from torch import Tensor
 
 from fit_material.fitter.estimation.coarse_to_fine import Fit
 from fit_material.fitter.least_squares.covariance import Spread
-from fit_material.fitter.materials.coordinates import MetalCoordinates
+from fit_material.fitter.materials.metal import MetalCoordinates
 from fit_material.fitter.metal_prior.borrowed import Borrowed, TooFar, Triple
 from fit_material.fitter.options.fit_options import Prior
 from fit_material.fitter.result.schema import FromPrior
@@ -35,7 +35,7 @@ def borrow(fit: Fit, spread: Spread, prior: Prior) -> Borrowed | TooFar | None:
     found = _of_catalogue(fit, spread) if prior == "catalogue" else None
     if coordinates.tint is None or isinstance(found, Borrowed):
         return found
-    return _of_nearest_color(fit.x, found)
+    return _of_nearest_color(fit.x[coordinates.slices["reflectivity"]], found)
 
 
 def _of_catalogue(fit: Fit, spread: Spread) -> Borrowed | TooFar:
@@ -45,15 +45,15 @@ def _of_catalogue(fit: Fit, spread: Spread) -> Borrowed | TooFar:
     return catalogue_prior(likelihood(fit, spread))
 
 
-def _of_nearest_color(x: Float[Tensor, " x"], refused: TooFar | None) -> Borrowed:
+def _of_nearest_color(reflectivity: Float[Tensor, "3"], refused: TooFar | None) -> Borrowed:
     """The pair at the fitted F0 with the tint of the metal that has the nearest F0."""
     from fit_material.fitter.metal_prior.catalogue_distribution import shape_of
     from fit_material.fitter.metal_prior.likelihood import indices
 
-    f0, metals = torch.sigmoid(x[:3]), read_catalogue()
+    f0, metals = torch.sigmoid(reflectivity), read_catalogue()
     distance = [float((shape_of(metal)[:3].sigmoid() - f0).norm()) for metal in metals]
     nearest = metals[distance.index(min(distance))]
-    n, k = indices(torch.cat([x[:3], shape_of(nearest)[3:]]))
+    n, k = indices(torch.cat([reflectivity, shape_of(nearest)[3:]]))
     return Borrowed(((nearest.title, 1.0),), _bare(n), _bare(k), refused)
 
 

@@ -25,7 +25,7 @@ from fit_material.fitter.pipeline.fit_scene import torch_device
 from fit_material.fitter.result.schema import Result
 from fit_material.renderer.compute.threads import one_thread_per_operation
 from fit_material.renderer.errors.input_error import InputError
-from fit_material.shaders.materials.types import material_type
+from fit_material.shaders.materials.kinds import KINDS
 
 EXACT = tuple(name for name, fidelity in PRESETS.items() if not fidelity.blurs)
 WHY_EXACT = "the viewer's model sees F0 alone, and follows no photograph closely enough to say where to take another"
@@ -83,7 +83,7 @@ def _fidelity_of(result: Result, file: Path) -> Fidelity:
     name, lobe = result.model.fidelity.partition(",")[0], result.model.lobe
     if name not in EXACT or lobe not in ("ggx", "beckmann"):
         raise InputError(file, "model.fidelity", f"{name} with {lobe}", f"{' or '.join(EXACT)}: {WHY_EXACT}")
-    bodies = all(material_type(each.type).has_body for each in result.materials)
+    bodies = all(KINDS[each.type].has_body for each in result.materials)
     if not bodies and "conductor" not in result.model.reflectance:
         raise InputError(file, "model.reflectance", result.model.reflectance, f"conductor: {WHY_EXACT}")
     return preset(name, lobe)

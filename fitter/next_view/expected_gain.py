@@ -9,15 +9,9 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
+from fit_material.fitter.materials.registry import FITTABLE
 from fit_material.fitter.result.schema import FittedMaterial, StandardErrors
-from fit_material.shaders.materials.quantities import MaterialType
-
-DECISIVE: Mapping[MaterialType, tuple[str, ...]] = {
-    "metal": ("n", "k", "alpha"),
-    "glossy": ("color", "f0", "alpha"),
-    "matte": ("color",),
-}
-"""The numbers whose errors a further photograph is to shrink."""
+from fit_material.shaders.materials.quantities import QUANTITIES
 
 Ratios = Mapping[str, Float[Tensor, "v c"]]
 """By parameter, for each of v cases and each channel."""
@@ -41,8 +35,9 @@ class Prospect:
     finer: Ratios | None
 
     def score(self, ratios: Ratios) -> Float[Tensor, " v"]:
-        """Logarithm of the geometric mean ratio over `DECISIVE`; the channels of a number count together as one."""
-        return torch.stack([ratios[key].log().mean(1) for key in DECISIVE[self.material.type]]).mean(0)
+        """Logarithm of the geometric mean ratio over the decisive quantities, each of which counts as one."""
+        decisive = FITTABLE[self.material.type].decisive
+        return torch.stack([ratios[each.name].log().mean(1) for each in decisive]).mean(0)
 
     def now(self) -> HalfWidths:
         """Half widths as the fit has them."""
@@ -59,7 +54,7 @@ class Prospect:
         found = {}
         for key in self.ratio:
             intervals = getattr(self.material.interval95, key)
-            if key == "alpha":
+            if QUANTITIES[key].channels == 1:
                 found[key] = half(intervals, key, 0)
             elif intervals is not None:
                 found[key] = tuple(half(each, key, channel) for channel, each in enumerate(intervals))

@@ -15,8 +15,7 @@ from fit_material.fitter.materials.coordinates import Coordinates
 from fit_material.fitter.observations.view_sampling import ANGLE_BINS, View, histogram, taken_evenly
 from fit_material.renderer.light_tables.light_table import reflect
 from fit_material.renderer.rays.gbuffer import GBuffer
-from fit_material.shaders.materials.quantities import MaterialType
-from fit_material.shaders.materials.types import material_type
+from fit_material.shaders.materials.kinds import KINDS, MaterialType
 
 LEAST = 1e-6  # relative noise of photographs that have none: the rounding of float32 tables
 UNSEEN = 0.01  # the same where no photograph shows any pixel
@@ -106,8 +105,8 @@ def foreseen_noise(
 
 def _place(surface: GBuffer, kind: MaterialType) -> Float[Tensor, "p d"]:
     """What decides over a pixel's light: where its mirrored view goes to and how steeply, and its normal."""
-    mirrored = [reflect(surface), surface.n_dot_v[..., None]] if material_type(kind).mirrors else []
-    return torch.cat([*mirrored, *([surface.normal] if material_type(kind).has_body else [])], -1)
+    mirrored = [reflect(surface), surface.n_dot_v[..., None]] if KINDS[kind].mirrors else []
+    return torch.cat([*mirrored, *([surface.normal] if KINDS[kind].has_body else [])], -1)
 
 
 def covariance(

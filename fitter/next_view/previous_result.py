@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from pathlib import Path
 
 import torch
@@ -11,18 +10,10 @@ from torch import Tensor
 from fit_material.fitter.observations.scene_data import Loaded
 from fit_material.fitter.result.schema import FittedMaterial, InputFile, Result, read_result
 from fit_material.renderer.errors.input_error import InputError
-from fit_material.shaders.materials.quantities import MaterialType
+from fit_material.shaders.materials.kinds import KINDS
+from fit_material.shaders.materials.quantities import ALPHA, Quantity
 from fit_material.shaders.materials.types import Material, made_of
-
-NUMBERS: Mapping[MaterialType, tuple[str, ...]] = {
-    "metal": ("n", "k", "alpha"),
-    "glossy": ("color", "reflectance", "alpha"),
-    "matte": ("color", "reflectance"),
-}
-"""What makes up each type of material."""
-
-RANGES = {"n": (1e-5, 1e5), "k": (0.0, 1e5), "alpha": (1e-4, 10.0), "color": (0.0, 1.0), "reflectance": (0.0, 1.0)}
-"""Beyond, no fit comes; nor do the formulas keep their digits."""
+from fit_material.shaders.materials.widths import Microfacet
 
 
 def read_earlier_result(path: Path) -> Result:
@@ -35,13 +26,15 @@ def read_earlier_result(path: Path) -> Result:
     if not result.materials:
         raise InputError(path, "materials", "[]", "the materials that were fitted; fit again")
     for index, material in enumerate(result.materials):
-        for key in NUMBERS[material.type]:
-            _require_numbers(getattr(material, key), key, path, f"materials[{index}].{key}")
+        kind = KINDS[material.type]
+        for quantity in (*kind.stored, *((ALPHA,) if kind.mirrors else ())):
+            _require_numbers(material, quantity, path, f"materials[{index}].{quantity.name}")
     return result
 
 
-def _require_numbers(value: float | tuple[float, ...] | None, key: str, path: Path, field: str) -> None:
-    low, high = RANGES[key]
+def _require_numbers(material: FittedMaterial, quantity: Quantity, path: Path, field: str) -> None:
+    value: float | tuple[float, ...] | None = getattr(material, quantity.name)
+    low, high = quantity.domain
     numbers = value if isinstance(value, tuple) else (value,)
     for number in numbers:
         if number is None or not low <= number <= high:
@@ -76,9 +69,9 @@ def _not_among(files: tuple[InputFile, ...], others: tuple[InputFile, ...]) -> s
 
 
 def material_of(fitted: FittedMaterial) -> Material:
-    """What was found, as the shading model has it, float64; alpha is its roughness."""
+    """What was found, as the shading model has it by microfacets, float64."""
 
-    def number(key: str) -> Tensor:
-        return torch.tensor(getattr(fitted, "alpha" if key == "roughness" else key), dtype=torch.float64)
+    def number(quantity: Quantity) -> Tensor:
+        return torch.tensor(getattr(fitted, quantity.name), dtype=torch.float64)
 
-    return made_of(fitted.type, number)
+    return made_of(fitted.type, number, lambda: Microfacet(number(ALPHA)))

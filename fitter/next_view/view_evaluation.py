@@ -2,26 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 
 import torch
 from jaxtyping import Bool, Float
 from torch import Tensor
 
-from fit_material.fitter.estimation.coarse_to_fine import DIELECTRIC
-from fit_material.fitter.fitted.summary import QUANTITIES
 from fit_material.fitter.forward.lighting import Setting
 from fit_material.fitter.forward.pixel_model import central
 from fit_material.fitter.least_squares.jacobian import jacobian
 from fit_material.fitter.least_squares.noise import relative_weight
-from fit_material.fitter.materials.coordinates import (
-    Coordinates,
-    GlossyCoordinates,
-    Interval,
-    MatteCoordinates,
-    MetalCoordinates,
-)
+from fit_material.fitter.materials.coordinates import Coordinates, WidthInterval
+from fit_material.fitter.materials.registry import FITTABLE
 from fit_material.fitter.next_view.expected_gain import Prospect, Ratios
 from fit_material.fitter.next_view.fisher_information import covariance, foreseen_noise, told_by
 from fit_material.fitter.next_view.previous_result import material_of
@@ -30,17 +23,13 @@ from fit_material.fitter.observations.view_sampling import View, sampled_views
 from fit_material.fitter.options.fidelity import MICROFACET_RANGE, PRESETS
 from fit_material.fitter.options.progress import Progress
 from fit_material.fitter.result.schema import FittedMaterial
+from fit_material.fitter.uncertainty.estimates import reported_quantities, value_of
 from fit_material.renderer.cameras.camera import Camera
 from fit_material.renderer.rays import gbuffer
 from fit_material.renderer.rays.gbuffer import GBuffer, Tracer
-from fit_material.shaders.materials.quantities import MaterialType
+from fit_material.shaders.materials.widths import alpha_of
 
-ALPHA = Interval(*MICROFACET_RANGE, logarithmic=True)
-COORDINATES: Mapping[MaterialType, Coordinates] = {
-    "metal": MetalCoordinates(ALPHA),
-    "glossy": GlossyCoordinates(ALPHA, DIELECTRIC, channels=1),
-    "matte": MatteCoordinates(channels=1),
-}
+WIDTH = WidthInterval(*MICROFACET_RANGE, logarithmic=True)
 PIXELS = 192  # of each imagined picture and material: by the choice of pixels, ratios of errors scatter by 2 %
 FULL = 1024  # of each photograph at most
 TAKEN_PIXELS = 4096  # of all photographs together: their noise is measured with them
@@ -109,7 +98,7 @@ class Observer:
 
         A fit takes a fixed number of pixels from all photographs together: with one more, there are fewer of each.
         """
-        coordinates = COORDINATES[found.type]
+        coordinates = FITTABLE[found.type].foreseen(WIDTH)
         x = coordinates.free(material_of(found)).clamp(-FARTHEST, FARTHEST)
         radiance = self._radiance(taken, coordinates, x, self.setting.fidelity.samples)
         known, difference = _surface(taken), self._relative_difference(taken, radiance(x))
@@ -146,8 +135,8 @@ class Observer:
             return lambda x: x.new_zeros(0, 3)
         material = coordinates.material(x)
         model = self.setting.pixels(surface, body=material.has_body)
-        if material.roughness is not None:
-            alpha = float(material.roughness)
+        if material.width is not None:
+            alpha = float(alpha_of(material.width))
 
             def report(share: float) -> None:
                 self.progress("integrating", share)
@@ -167,8 +156,8 @@ def _ratios(
     """Standard errors by the information after, over those before."""
     covariances = [covariance(information, coordinates, x) for information in (before, after)]
     ratios = {}
-    for key, of_material in QUANTITIES[coordinates.material(x).type].items():
-        gradient = jacobian(lambda x, of=of_material: of(coordinates.material(x)), x)
+    for quantity in reported_quantities(coordinates.material(x)):
+        gradient = jacobian(lambda x, of=quantity: value_of(coordinates.material(x), of), x)
         error, smaller = ((gradient @ each * gradient).sum(-1).sqrt().clamp_min(TINY) for each in covariances)
-        ratios["alpha" if key == "roughness" else key] = smaller / error
+        ratios[quantity.name] = smaller / error
     return ratios

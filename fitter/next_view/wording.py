@@ -7,10 +7,11 @@ from dataclasses import dataclass
 from typing import Any
 
 from fit_material.fitter.fitted.summary import CHANNELS
+from fit_material.fitter.materials.registry import FITTABLE
 from fit_material.fitter.next_view.candidate_views import Viewpoint
-from fit_material.fitter.next_view.expected_gain import DECISIVE, Prospect, geometric_mean
+from fit_material.fitter.next_view.expected_gain import Prospect, geometric_mean
 from fit_material.fitter.result.schema import FittedMaterial
-from fit_material.shaders.materials.types import material_type
+from fit_material.shaders.materials.kinds import KINDS
 
 HARDLY = 0.95  # of the errors that there are: a photograph that leaves so much is not worth its trouble
 
@@ -47,7 +48,9 @@ def _on_average(share: float) -> str:
 
 def _decisive(prospects: Sequence[Prospect]) -> str:
     """n, k and alpha."""
-    *others, last = dict.fromkeys(key for prospect in prospects for key in DECISIVE[prospect.material.type])
+    *others, last = dict.fromkeys(
+        each.name for prospect in prospects for each in FITTABLE[prospect.material.type].decisive
+    )
     return f"{', '.join(others)} and {last}" if others else last
 
 
@@ -84,8 +87,8 @@ def _example(prospects: Sequence[Prospect], view: int) -> str:
     numbers = [
         number
         for prospect in prospects
-        for key in DECISIVE[prospect.material.type]
-        for number in _numbers(prospect, view, key, f" of {prospect.material.name}" if len(prospects) > 1 else "")
+        for each in FITTABLE[prospect.material.type].decisive
+        for number in _numbers(prospect, view, each.name, f" of {prospect.material.name}" if len(prospects) > 1 else "")
     ]
     if not numbers:
         return ""
@@ -106,7 +109,7 @@ def _numbers(prospect: Prospect, view: int, key: str, owner: str) -> Iterator[_N
 
 def _is_shared(material: FittedMaterial, key: str) -> bool:
     """Whether all channels have one number, as a dielectric's F0."""
-    return key == "alpha" or key in material_type(material.type).same_as
+    return key == "alpha" or key in KINDS[material.type].same_as
 
 
 def _channels(part: Any) -> tuple:

@@ -23,7 +23,7 @@ from fit_material.renderer.rays.gbuffer import Tracer
 from fit_material.renderer.rays.normal_mapping import with_relief
 from fit_material.renderer.scene.input_paths import beside_photographs, input_paths
 from fit_material.renderer.scene.scene_file import PhotographSpec, Scene, read_scene, read_shape
-from fit_material.shaders.materials.quantities import MaterialType
+from fit_material.shaders.materials.kinds import MaterialType
 
 
 @dataclass(frozen=True)

@@ -74,9 +74,9 @@ class Fidelity:
 
     def reflectance_of(self, kind: str) -> str:
         """The formula of the reflectance of one type of material."""
-        from fit_material.shaders.materials.types import material_type
+        from fit_material.shaders.materials.types import TYPES
 
-        return material_type(kind).reflectance_formula(self.reflectance, microfacets=not self.blurs)
+        return TYPES[kind].reflectance_formula(self.reflectance, microfacets=not self.blurs)
 
 
 PRESETS = {

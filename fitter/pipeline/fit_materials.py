@@ -19,7 +19,7 @@ from fit_material.fitter.forward.lighting import Setting
 from fit_material.fitter.forward.textured_pixels import SpottedPixels
 from fit_material.fitter.least_squares.nuisances import Nuisances
 from fit_material.fitter.least_squares.solvers import SOLVERS, Solver
-from fit_material.fitter.materials.coordinates import MetalCoordinates
+from fit_material.fitter.materials.metal import MetalCoordinates
 from fit_material.fitter.metal_prior.substitution import borrow
 from fit_material.fitter.observations.pixel_selection import Observations
 from fit_material.fitter.observations.scene_data import Loaded, kinds_of
@@ -30,7 +30,7 @@ from fit_material.fitter.pipeline.pixel_request import PixelRequest, PixelsByCou
 from fit_material.fitter.result.schema import Nearest
 from fit_material.fitter.uncertainty.active_bound import reported
 from fit_material.renderer.rays.gbuffer import Tracer
-from fit_material.shaders.materials.quantities import MaterialType
+from fit_material.shaders.materials.kinds import MaterialType
 
 MOST_TRACED = 4000  # pixels, of which paths take a minute or two; what they leave uncertain in F0 is a thousandth
 
@@ -149,9 +149,11 @@ def polished_parts(
         label = _labelled(progress, part.material.name, len(parts))
         unhindered = replace(part.setting, occluder=None)  # what the object hides, the paths know
         few = part.observed[:: -(-len(part.observed.radiance) // MOST_TRACED)]
-        gains = part.choice.fit.residuals.gains
-        error = float(part.spread.covariance[-1, -1].sqrt())
-        nuisances = None if gains is None else gains.nuisances.with_turn_found(float(part.choice.fit.x[-1]), error)
+        fit = part.choice.fit
+        gains = fit.residuals.gains
+        nuisances = None
+        if gains is not None:
+            nuisances = gains.nuisances.with_rotation_found(fit.residuals.beside(fit.x), part.spread.covariance)
         problem = Problem(few, unhindered, SOLVERS[options.solver], label, nuisances=nuisances)
         polish = polished(problem, part.choice.fit, polish_scene(loaded, part.setting, found, part.index))
         choice = replace(part.choice, fit=polish.fit)
@@ -178,7 +180,7 @@ def _part(index: int, name: str, observed: Observations, choice: Choice, setting
 
         nearest = nearest_metals(fit.x, coordinates, uncertainty)
     rho = None
-    if not setting.fidelity.blurs and fit.material.roughness is not None:
+    if not setting.fidelity.blurs and fit.material.width is not None:
         model = fit.residuals.model
         tint = None
         if isinstance(model, SpottedPixels) and fit.material.color is not None:

@@ -14,7 +14,7 @@ from fit_material.fitter.options.fit_options import FitOptions
 from fit_material.fitter.options.progress import Progress
 from fit_material.fitter.pipeline.fit_materials import fit_parts, polished_parts
 from fit_material.renderer.rays.gbuffer import Tracer
-from fit_material.shaders.materials.quantities import MaterialType
+from fit_material.shaders.materials.kinds import MaterialType
 
 ROUNDS = 3
 

@@ -22,8 +22,9 @@ from fit_material.renderer.cameras.camera import Camera
 from fit_material.renderer.cameras.pose_offset import Pose
 from fit_material.renderer.rays import gbuffer
 from fit_material.renderer.rays.gbuffer import GBuffer, Tracer
-from fit_material.shaders.materials.quantities import MaterialType
+from fit_material.shaders.materials.kinds import MaterialType
 from fit_material.shaders.materials.types import Material
+from fit_material.shaders.materials.widths import alpha_of
 
 BY_ALPHA = 0.25  # radians per alpha by which derivatives turn a camera: within a lobe's width, far beyond noise
 NARROWEST, WIDEST = 0.004, 0.05  # the least and the most of them
@@ -192,7 +193,8 @@ def slopes(
         material: what they are made of.
     """
     other = replace(setting, seed=setting.seed + 1)
-    angle = WIDEST if material.roughness is None else min(max(BY_ALPHA * float(material.roughness), NARROWEST), WIDEST)
+    alpha = None if material.width is None else float(alpha_of(material.width))
+    angle = WIDEST if alpha is None else min(max(BY_ALPHA * alpha, NARROWEST), WIDEST)
     ways = torch.stack([pose.ways(angle) for pose in poses])
     columns = []
     for index in range(6):

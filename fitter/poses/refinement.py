@@ -24,7 +24,7 @@ from fit_material.renderer.cameras.pose_offset import DEGREES, SHARE, Pose
 from fit_material.renderer.errors.input_error import InputError
 from fit_material.renderer.rays.gbuffer import Tracer
 from fit_material.renderer.rays.occlusion import occluder
-from fit_material.shaders.materials.quantities import MaterialType
+from fit_material.shaders.materials.kinds import MaterialType
 
 MOST_DEGREES, MOST_SHARE = 5.0, 0.03  # beyond them a pose is no small error any more
 EFFORTS = ((500, 256, 3), (4000, 1024, 1))  # pixels of each photograph, directions of each, and rounds at most

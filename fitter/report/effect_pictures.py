@@ -14,7 +14,7 @@ from fit_material.fitter.observations.album import Thumbnail
 from fit_material.fitter.report.image_quality import ViewPictures
 from fit_material.renderer.rays.gbuffer import GBuffer, Tracer
 from fit_material.renderer.rays.picture import Picture, draw
-from fit_material.shaders.materials.types import Glossy, Material, Matte
+from fit_material.shaders.materials.types import Material
 
 SIDE = 96  # pixels along a strip's pictures at most
 SAMPLES = 128
@@ -70,6 +70,7 @@ def _radiance(planned: PlannedFit, part: FittedPart, surface: GBuffer, without: 
     return drawn() + part.polish.picture(surface) + hidden
 
 
-def _bodiless(material: Glossy | Matte) -> Material:
+def _bodiless(material: Material) -> Material:
     """The material's surface over a black body."""
-    return replace(material, color=0 * material.color)
+    assert material.color is not None
+    return material.with_color(0 * material.color)

@@ -28,7 +28,7 @@ from fit_material.fitter.result.formatting import decimals
 from fit_material.fitter.result.schema import FittedMaterial, FromPrior, PerParameter, Result
 from fit_material.renderer.images.image_file import png
 from fit_material.renderer.materials.catalogue import Metal, read_catalogue
-from fit_material.shaders.materials.types import material_type
+from fit_material.shaders.materials.kinds import KINDS
 
 __all__ = ["ViewPictures", "comparison_png", "render_report"]
 
@@ -122,7 +122,7 @@ def _distinct(names: Sequence[str]) -> list[str]:
 
 def _headline(material: FittedMaterial, known: dict[str, Metal]) -> str:
     """What one material is, as a sentence."""
-    sentence = f"{material.name}: {material_type(material.type).noun}"
+    sentence = f"{material.name}: {KINDS[material.type].noun}"
     if material.nearest:
         near = [f"{_title(metal.name, known)} ({metal.distance:.2g} σ)" for metal in material.nearest[:2]]
         sentence += f", nearest to {', then '.join(near)}"

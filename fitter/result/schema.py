@@ -18,7 +18,7 @@ from fit_material.renderer.errors.printable import unicode_text
 from fit_material.renderer.files.atomic import write_text_atomically
 from fit_material.renderer.files.regular_files import read_text
 from fit_material.renderer.files.validation import Checked, check, require_plain, unexpected
-from fit_material.shaders.materials.quantities import MaterialType
+from fit_material.shaders.materials.kinds import MaterialType
 
 FORMAT = 1
 CHANNELS = ("red", "green", "blue")

@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 import torch
 from jaxtyping import Float
+from torch import Tensor
 
 from fit_material.fitter.fitted.color_texture import CLEARLY_ABOVE, MANY_CUT, ColorMap
 from fit_material.fitter.fitted.part import FittedPart
@@ -23,7 +24,7 @@ from fit_material.renderer.geometry.mesh import Mesh
 from fit_material.renderer.images.textures import Texture, lookup
 from fit_material.renderer.rays.gbuffer import Tracer
 from fit_material.renderer.rays.uv_atlas import Unwrapped, filled, overlap, unwrapped
-from fit_material.shaders.materials.types import Glossy, Matte, material_type
+from fit_material.shaders.materials.kinds import KINDS
 
 SMALLEST, LARGEST = 16, 4096  # texels along a side
 ROUNDS = 3  # of light that the object sends itself, and of the texture in it: each errs by a tenth of the last
@@ -61,7 +62,7 @@ def _with_color_map(
     interreflection: bool,
 ) -> FittedPart:
     """The part with its texture, in the light that parts with theirs and without send it."""
-    if not material_type(part.material.type).has_body:
+    if not KINDS[part.material.type].has_body:
         return part.remarked("Metals have no body to be coloured, and no colour map.")
     assert isinstance(loaded.shape, Mesh)
     progress("colour map", 0)
@@ -98,7 +99,7 @@ def _color_map(
     part: FittedPart, found: Sequence[Rows], light: DiffuseLight | None, layout: Unwrapped
 ) -> ColorMap | None:
     """The texture by which the photographs come nearest in this light; None where they tell nothing of its texels."""
-    solution = solve(found, len(layout.inside), _body(part).color.clamp_min(LEAST_MEAN).numpy(), light)
+    solution = solve(found, len(layout.inside), _color(part).clamp_min(LEAST_MEAN).numpy(), light)
     if not solution.solved.any():
         return None
     color = filled(solution.color, solution.solved, layout)
@@ -110,14 +111,14 @@ def _color_map(
 
 def _tint(part: FittedPart, made: ColorMap) -> Texture:
     """The map over the colour that was fitted."""
-    return Texture(torch.from_numpy(made.color / _body(part).color.clamp_min(LEAST_MEAN).numpy()))
+    return Texture(torch.from_numpy(made.color / _color(part).clamp_min(LEAST_MEAN).numpy()))
 
 
-def _body(part: FittedPart) -> Glossy | Matte:
-    """The material fitted, which has a body."""
-    material = part.choice.fit.material
-    assert material.color is not None
-    return material
+def _color(part: FittedPart) -> Float[Tensor, "3"]:
+    """Of the material fitted, which has a body."""
+    color = part.choice.fit.material.color
+    assert color is not None
+    return color
 
 
 def _albedo(part: FittedPart, parts: Sequence[FittedPart]) -> Albedo:
@@ -130,7 +131,7 @@ def _albedo(part: FittedPart, parts: Sequence[FittedPart]) -> Albedo:
             own, material = met.material == index, each.choice.fit.material
             if each.color_map is not None:
                 color = lookup(Texture(torch.from_numpy(each.color_map.color)), met.uv[own]).double()
-                material = replace(_body(each), color=color)
+                material = material.with_color(color)
             found[own] = material.albedo(each.setting.fidelity.distribution)
             fitted |= own
         if not fitted.all() and fitted.any():

@@ -28,7 +28,8 @@ from fit_material.renderer.rays.gbuffer import GBuffer, Tracer
 from fit_material.renderer.rays.occlusion import Occluder
 from fit_material.renderer.rays.self_visibility import rough_reflections
 from fit_material.shaders.materials.fresnel_models import exact_reflectance
-from fit_material.shaders.materials.types import Glossy
+from fit_material.shaders.materials.types import Material
+from fit_material.shaders.materials.widths import alpha_of
 from fit_material.shaders.optics import microfacets
 
 SIDE = 3  # rays along each side of a pixel
@@ -198,13 +199,13 @@ def _lit(about: _About, surface: GBuffer, seen: Float[Tensor, "p 3"]) -> Rows:
     model = unhidden.pixels(surface, body=True, shown=True)
     assert isinstance(model, ExactPixels)
     table = unhidden.table_of(material, surface, min(setting.fidelity.samples, SAMPLES))
-    white = replace(material, color=torch.ones_like(material.color))
-    mirrored = model.under(table).radiance(replace(material, color=0 * material.color))
+    white = material.with_color(torch.ones_like(material.color))
+    mirrored = model.under(table).radiance(material.with_color(0 * material.color))
     far, sources, even = (each.sent_by_body(white) for each in _lights(model))
     centre = surface[:, SIDE**2 // 2]
     mixing = None if found is None else found.places.mixing(centre)
     itself, sees = None, "self-visibility" in setting.effects  # else what it hides is still among the mirrored
-    if material.roughness is not None and sees and found is not None and found.transfer is not None:
+    if material.width is not None and sees and found is not None and found.transfer is not None:
         itself = _itself(material, setting, centre, Looking(about.trace, _occluder(setting), found.places), about.rays)
     return Rows(surface.uv.float(), _texture_area(surface), seen, mirrored, far, sources, even, mixing, itself)
 
@@ -226,9 +227,10 @@ def _occluder(setting: Setting) -> Occluder:
     return setting.occluder
 
 
-def _itself(material: Glossy, setting: Setting, surface: GBuffer, looking: Looking, rays: int) -> Transfer:
+def _itself(material: Material, setting: Setting, surface: GBuffer, looking: Looking, rays: int) -> Transfer:
     """What of the object points [p] mirror, each ray weighted by BRDF · n·l over the density that it is drawn by."""
-    alpha, distribution = float(material.roughness), setting.fidelity.distribution
+    assert material.width is not None
+    alpha, distribution = float(alpha_of(material.width)), setting.fidelity.distribution
     generator = torch.Generator().manual_seed(setting.seed)
     towards = rough_reflections(surface, *shifted_points(len(surface.hit), rays, generator), alpha)
     half = torch.nn.functional.normalize(towards + surface.view[:, None], dim=-1)

@@ -7,6 +7,7 @@ no other. So what is reported is the fit whose reflectance is held at 1, where t
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import torch
@@ -16,7 +17,8 @@ from torch import Tensor
 from fit_material.fitter.estimation.coarse_to_fine import Fit
 from fit_material.fitter.least_squares.covariance import Spread, spread
 from fit_material.fitter.least_squares.solvers import levenberg_marquardt
-from fit_material.fitter.materials.coordinates import Coordinates, MatteCoordinates
+from fit_material.fitter.materials.coordinates import Coordinates
+from fit_material.fitter.materials.matte import MatteCoordinates
 from fit_material.shaders.materials.types import Matte
 
 
@@ -31,11 +33,11 @@ class LambertianCoordinates(Coordinates[Matte]):
 
     whole: MatteCoordinates
     held: Bool[Tensor, " m"]
-    roughness = None
+    width = None
 
     @property
-    def size(self) -> int:
-        return int((~self.held).sum())
+    def sizes(self) -> Mapping[str, int]:
+        return {name: int((~self.held[place]).sum()) for name, place in self.whole.slices.items()}
 
     def material(self, x: Float[Tensor, " x"]) -> Matte:
         return self.whole.material(self.completed(x))

@@ -10,7 +10,7 @@ from fit_material.fitter.estimation.coarse_to_fine import Fit
 from fit_material.fitter.least_squares.covariance import Spread
 from fit_material.fitter.least_squares.jacobian import jacobian
 from fit_material.fitter.result.schema import Correlation
-from fit_material.fitter.uncertainty.estimates import QUANTITIES, Measured, name_of, parameter_of
+from fit_material.fitter.uncertainty.estimates import Measured, name_of, reported_quantities, value_of
 
 
 def correlation(fit: Fit, spread: Spread, found: Mapping[str, Sequence[Measured]]) -> Correlation | None:
@@ -26,14 +26,14 @@ def correlation(fit: Fit, spread: Spread, found: Mapping[str, Sequence[Measured]
     """
     coordinates, material = fit.residuals.coordinates, fit.material
     names, gradients = [], []
-    for key, of_material in QUANTITIES[material.type].items():
-        if key in material.same_as:
+    for quantity in reported_quantities(material):
+        if quantity.name in material.kind.same_as:
             continue
-        gradient = jacobian(lambda x, of=of_material: of(coordinates.material(x)), fit.x)
-        numbers = found[parameter_of(fit, key)]
+        gradient = jacobian(lambda x, of=quantity: value_of(coordinates.material(x), of), fit.x)
+        numbers = found[quantity.name]
         for channel, number in enumerate(numbers):
             if number.stderr is not None:
-                names.append(name_of(fit, key, channel if len(numbers) == 3 else None))
+                names.append(name_of(quantity, channel if len(numbers) == 3 else None))
                 gradients.append(gradient[channel])
     if len(names) < 2:
         return None

@@ -3,55 +3,43 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
+from jaxtyping import Float
 from torch import Tensor
 
 from fit_material.fitter.estimation.coarse_to_fine import Fit
 from fit_material.fitter.estimation.viewer_roughness import ViewerRoughness
-from fit_material.fitter.forward.pixel_model import ViewerPixels
 from fit_material.fitter.least_squares.covariance import TWO_SIDED_95, Spread, standard_errors
 from fit_material.fitter.options.fidelity import BLUR_RANGE, MICROFACET_RANGE
 from fit_material.fitter.result.schema import CHANNELS
 from fit_material.fitter.uncertainty.profile_likelihood import intervals
-from fit_material.shaders.materials.types import material_type
+from fit_material.shaders.materials.kinds import KINDS, MaterialType
+from fit_material.shaders.materials.quantities import ALPHA, QUANTITIES, ROUGHNESS, K, N, Quantity
+from fit_material.shaders.materials.types import Material
 from fit_material.shaders.optics import fresnel
 
 RESOLVED = 1e-12  # of a value: float64 says nothing of smaller errors; a free number far beyond its domain has such
 COVERED = 0.9  # of a domain: an interval that leaves out no more says what was known without any photograph
 
-QUANTITIES: Mapping[str, Mapping[str, Callable[[Any], Tensor]]] = {
-    "metal": {
-        "n": lambda metal: metal.n,
-        "k": lambda metal: metal.k,
-        "f0": lambda metal: metal.f0,
-        "roughness": lambda metal: metal.roughness[None],
-    },
-    "glossy": {
-        "color": lambda glossy: glossy.color,
-        "reflectance": lambda glossy: glossy.reflectance,
-        "f0": lambda glossy: glossy.reflectance,
-        "roughness": lambda glossy: glossy.roughness[None],
-    },
-    "matte": {
-        "color": lambda matte: matte.color,
-        "reflectance": lambda matte: matte.reflectance,
-    },
-}
-"""What is reported of each type of material; `roughness` is alpha or ρ, as the lobe of the fit has it."""
+
+def reported_quantities(material: Material) -> tuple[Quantity, ...]:
+    """Quantities that are reported of a material: those that make it up, those that follow, and its lobe's width."""
+    width = () if material.width is None else (material.width.quantity,)
+    return (*material.kind.stored, *material.kind.derived, *width)
 
 
-def name_of(fit: Fit, key: str, channel: int | None) -> str:
-    """One of `QUANTITIES` in words: "n of red", "alpha"; without a channel where it has none."""
-    key = parameter_of(fit, key)
-    return key if channel is None else f"{key} of {CHANNELS[channel]}"
+def value_of(material: Material, quantity: Quantity) -> Float[Tensor, " c"]:
+    """A quantity of a material, one number for each of its channels."""
+    if material.width is not None and quantity == material.width.quantity:
+        return material.width.value[None]
+    return getattr(material, quantity.name)
 
 
-def parameter_of(fit: Fit, key: str) -> str:
-    """The key of one of `QUANTITIES` in `result.json`."""
-    return "alpha" if key == "roughness" and not isinstance(fit.residuals.model, ViewerPixels) else key
+def name_of(quantity: Quantity, channel: int | None) -> str:
+    """A quantity in words: "n of red", "alpha"; without a channel where it has none."""
+    return quantity.name if channel is None else f"{quantity.name} of {CHANNELS[channel]}"
 
 
 @dataclass(frozen=True)
@@ -76,15 +64,15 @@ class Measured:
         return Measured(value, self.stderr, (min(inside[0], value), max(inside[1], value)))
 
 
-def measured(fit: Fit, spread: Spread, key: str) -> list[Measured]:
-    """One of `QUANTITIES` of a fit, per channel, with error and interval from the covariance of its free vector.
+def measured(fit: Fit, spread: Spread, asked: Quantity) -> list[Measured]:
+    """A quantity of a fit, per channel, with error and interval from the covariance of its free vector.
 
     A number that no free number moves, because these ran to the ends of their domains, has neither.
     """
-    coordinates, of_material = fit.residuals.coordinates, QUANTITIES[fit.material.type][key]
+    coordinates = fit.residuals.coordinates
 
     def quantity(x: Tensor) -> Tensor:
-        return of_material(coordinates.material(x))
+        return value_of(coordinates.material(x), asked)
 
     errors = standard_errors(quantity, fit.x, spread)
     lows, highs = intervals(fit, spread, quantity)
@@ -95,13 +83,18 @@ def measured(fit: Fit, spread: Spread, key: str) -> list[Measured]:
         else Measured(value)
         for value, error, low, high in rows
     ]
-    if key == "roughness":
-        found = [roughness_of(fit, each) for each in found]
-    return [each.within(*domain) for each, domain in zip(found, _domains(fit, key), strict=True)]
+    if is_width(asked):
+        found = [width_of(fit, each) for each in found]
+    return [each.within(*domain) for each, domain in zip(found, _domains(fit, asked), strict=True)]
 
 
-def roughness_of(fit: Fit, number: Measured) -> Measured:
-    """A roughness as its free number tells it, which knows nothing beyond the light table's span.
+def is_width(quantity: Quantity) -> bool:
+    """Whether a quantity is the width of a specular lobe."""
+    return quantity in (ALPHA, ROUGHNESS)
+
+
+def width_of(fit: Fit, number: Measured) -> Measured:
+    """The lobe's width as its free number determines it, which knows nothing beyond the light table's span.
 
     Where the picture does not change with it, its interval is that of all that explain the photographs as well. One
     that fills the span, where it had to end, has a symmetric one instead.
@@ -109,7 +102,7 @@ def roughness_of(fit: Fit, number: Measured) -> Measured:
     if fit.alike is not None:
         low, high = fit.alike.span
         return Measured(number.value, (high - low) / math.sqrt(12), (min(low, number.value), max(high, number.value)))
-    span = fit.residuals.coordinates.roughness
+    span = fit.residuals.coordinates.width
     assert span is not None
     if number.stderr is None or number.within(span.low, span.high).stderr is not None:
         return number
@@ -117,32 +110,30 @@ def roughness_of(fit: Fit, number: Measured) -> Measured:
     return replace(number, interval=(number.value - half, number.value + half))
 
 
-def _domains(fit: Fit, key: str) -> list[tuple[float, float]]:
+def _domains(fit: Fit, quantity: Quantity) -> list[tuple[float, float]]:
     """Where a number lies without any photograph: n and k on the circle of their F0."""
-    material, model = fit.material, fit.residuals.model
-    if key == "roughness":
-        return [BLUR_RANGE if isinstance(model, ViewerPixels) else MICROFACET_RANGE]
-    if key in ("n", "k"):
-        assert material.f0 is not None
-        limits = fresnel.index_limit(material.f0).tolist()
-        return [(1 / limit, limit) if key == "n" else (0.0, (limit - 1 / limit) / 2) for limit in limits]
-    return [(0.0, 1.0)] * 3
+    if is_width(quantity):
+        return [BLUR_RANGE if quantity == ROUGHNESS else MICROFACET_RANGE]
+    if quantity in (N, K):
+        assert fit.material.f0 is not None
+        limits = fresnel.index_limit(fit.material.f0).tolist()
+        return [(1 / limit, limit) if quantity == N else (0.0, (limit - 1 / limit) / 2) for limit in limits]
+    return [quantity.domain] * quantity.channels
 
 
 def paired(n: Sequence[Measured], k: Sequence[Measured], fit: Fit) -> dict[str, list[Measured]]:
     """n and k, of which neither says more than its domain where the other does not: both run round one circle."""
     told = [a.stderr is not None and b.stderr is not None for a, b in zip(n, k, strict=True)]
-    whole = {key: unseen(fit, key) for key in ("n", "k")}
     return {
-        key: [own if known else bare for own, known, bare in zip(numbers, told, whole[key], strict=True)]
-        for key, numbers in (("n", n), ("k", k))
+        each.name: [own if known else bare for own, known, bare in zip(numbers, told, unseen(fit, each), strict=True)]
+        for each, numbers in ((N, n), (K, k))
     }
 
 
-def unseen(fit: Fit, key: str) -> list[Measured]:
+def unseen(fit: Fit, quantity: Quantity) -> list[Measured]:
     """The same numbers of a model that cannot see them: the domain is all that is known."""
-    values = QUANTITIES[fit.material.type][key](fit.material).tolist()
-    return [Measured(value).within(*domain) for value, domain in zip(values, _domains(fit, key), strict=True)]
+    values = value_of(fit.material, quantity).tolist()
+    return [Measured(value).within(*domain) for value, domain in zip(values, _domains(fit, quantity), strict=True)]
 
 
 def of_viewer(rho: ViewerRoughness) -> Measured:
@@ -153,6 +144,7 @@ def of_viewer(rho: ViewerRoughness) -> Measured:
     return Measured(rho.rho, rho.stderr, (rho.rho - half, rho.rho + half)).within(*BLUR_RANGE)
 
 
-def rule(kind: str, key: str) -> str:
-    """By which parameter's rule a number counts as determined: 0.02 says much of a metal's F0, and nothing of 0.04."""
-    return material_type(kind).same_as.get(key, key)
+def resolution(kind: MaterialType, key: str) -> tuple[float, float]:
+    """`Quantity.resolved` by which a number counts as determined: 0.02 says much of a metal's F0, and nothing of
+    0.04."""
+    return QUANTITIES[KINDS[kind].same_as.get(key, key)].resolved

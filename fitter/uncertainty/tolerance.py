@@ -24,9 +24,18 @@ from fit_material.fitter.least_squares.jacobian import jacobian
 from fit_material.fitter.options.fidelity import Fidelity
 from fit_material.fitter.result.schema import Rung, Tolerance
 from fit_material.fitter.uncertainty.active_bound import reported
-from fit_material.fitter.uncertainty.estimates import QUANTITIES, Measured, name_of, roughness_of, rule
+from fit_material.fitter.uncertainty.estimates import (
+    Measured,
+    is_width,
+    name_of,
+    reported_quantities,
+    resolution,
+    value_of,
+    width_of,
+)
 from fit_material.renderer.errors.input_error import InputError
-from fit_material.shaders.materials.quantities import MaterialType
+from fit_material.shaders.materials.kinds import MaterialType
+from fit_material.shaders.materials.quantities import Quantity
 
 SURE = 2.1  # standard errors that the largest of ten errors keeps to in 95 %: 1.96 where one dwarfs all others
 AIM = 0.8  # of the tolerance: an effort is chosen by errors that are themselves estimates
@@ -221,21 +230,21 @@ def outlook_of(fit: Fit, problem: Problem) -> Outlook:
     moved = _interpolation(fit)
     names: list[str] = []
     rows = []
-    for key, of_material in QUANTITIES[kind].items():
+    for quantity in reported_quantities(fit.material):
 
-        def quantity(x: Tensor, of: Callable = of_material) -> Tensor:
-            return of(coordinates.material(x))
+        def number_at(x: Tensor, of: Quantity = quantity) -> Tensor:
+            return value_of(coordinates.material(x), of)
 
-        value, error = quantity(fit.x), standard_errors(quantity, fit.x, uncertainty)
-        low, high = intervals95(quantity, fit.x, uncertainty)
-        off = (jacobian(quantity, fit.x) @ moved).abs()
+        value, error = number_at(fit.x), standard_errors(number_at, fit.x, uncertainty)
+        low, high = intervals95(number_at, fit.x, uncertainty)
+        off = (jacobian(number_at, fit.x) @ moved).abs()
         for channel, (number, *ends) in enumerate(zip(value.tolist(), low.tolist(), high.tolist(), strict=True)):
             told = Measured(number, float(error[channel]), (ends[0], ends[1]))
-            if key == "roughness":
-                told = roughness_of(fit, told)
+            if is_width(quantity):
+                told = width_of(fit, told)
             assert told.interval is not None
-            if number > 0 and is_determined(rule(kind, key), number, told.interval):
-                names.append(name_of(fit, key, channel if len(value) == 3 else None))
+            if number > 0 and is_determined(resolution(kind, quantity.name), number, told.interval):
+                names.append(name_of(quantity, channel if len(value) == 3 else None))
                 rows.append((float(error[channel]) / number, float(off[channel]) / number))
     found = torch.tensor(rows, dtype=torch.float64).reshape(-1, 2)
     fidelity, observed = problem.fidelity, problem.observed

@@ -39,6 +39,7 @@ from fit_material.renderer.rays.gbuffer import GBuffer
 from fit_material.renderer.rays.local_frame import Frames, frames
 from fit_material.renderer.rays.occlusion import Occluder
 from fit_material.renderer.rays.pixel_footprint import Places, filled, rays_of, spread_places, strata_of
+from fit_material.shaders.materials.widths import Blur, Microfacet, Width
 from fit_material.shaders.optics import blur, microfacets
 
 Progress = Callable[[float], None]
@@ -57,12 +58,14 @@ class LightTable:
         light: [2, a, p, b, 3]; two halves of the samples, roughness level, pixel, function of the basis, channel.
         low, high: the range of roughness that the levels span.
         scale: whether the levels are Chebyshev nodes in the roughness or in its logarithm.
+        lobe: which roughness it is.
     """
 
     light: Float[Tensor, "2 a p b 3"]
     low: float
     high: float
     scale: Literal["linear", "log"]
+    lobe: type[Width] = Microfacet
 
     @property
     def roughnesses(self) -> list[float]:
@@ -71,7 +74,7 @@ class LightTable:
 
     def half(self, which: int) -> LightTable:
         """The table of one half of the samples: what another, cheaper integration would have found."""
-        return LightTable(self.light[which : which + 1], self.low, self.high, self.scale)
+        return replace(self, light=self.light[which : which + 1])
 
     def rounded(self) -> LightTable:
         """The table as another processor might have rounded it: sums in another order, other instructions."""
@@ -250,7 +253,7 @@ def tap_table(surface: GBuffer, environment: Cubemap, rhos: tuple[float, float, 
     table = torch.stack(
         [blur.blur(radiance, reflected, reflected.new_tensor(rho)) for rho in levels(low, high, count, "linear")]
     )
-    return LightTable(table[:, :, None].expand(2, *table.shape[:2], 1, 3), low, high, "linear")
+    return LightTable(table[:, :, None].expand(2, *table.shape[:2], 1, 3), low, high, "linear", Blur)
 
 
 def gaussian_table(
@@ -280,7 +283,7 @@ def gaussian_table(
         )
 
     table = torch.cat(list(map_in_threads(integrate, range(0, len(reflected), step))), 2)
-    return LightTable(table[:, :, :, None], low, high, "linear")
+    return LightTable(table[:, :, :, None], low, high, "linear", Blur)
 
 
 def _mean_light(light: LatLong, r: Float[Tensor, "p 3"], offsets: Float[Tensor, "s 2"], rho: float) -> Tensor:

@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
-from typing import ClassVar, Literal, get_args
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from typing import Any, ClassVar, Literal, Self, get_args
 
 from fit_material.renderer.errors.input_error import InputError
+from fit_material.renderer.materials.bsdf import Bsdf, Channels, Distribution, conductor, diffuse, plastic
+from fit_material.renderer.materials.catalogue import metal as known_metal
+from fit_material.shaders.materials.kinds import GLOSSY, MATTE, METAL, Kind, MaterialType
+from fit_material.shaders.registry.registry import Registry
 
-Channels = tuple[float, float, float]  # red, green, blue
-Distribution = Literal["ggx", "beckmann"]
 ShadingModel = Literal["mitsuba", "viewer"]
 
 LEAST_ALPHA = 0.001  # Mitsuba's microfacets lose their digits below; 0 is another model, a mirror
@@ -17,8 +21,68 @@ LEAST_REFLECTANCE, MOST_REFLECTANCE = 1e-6, 0.99  # an index in float32 that is 
 MOST_SMOOTH_REFLECTANCE = 0.18
 
 
+class TrueMaterial(ABC):
+    """A material as plain numbers.
+
+    Attributes:
+        kind: its type, as data.
+        name: the type's name.
+        options: of the command line, that describe one.
+        alpha: Mitsuba's microfacet width; None where it has none, or where `roughness` is given.
+        roughness: the viewer's blur radius ρ; None where it has none, or where `alpha` is given.
+        distribution: of the microfacets' normals; None where there are none.
+    """
+
+    kind: ClassVar[Kind]
+    name: ClassVar[MaterialType]
+    options: ClassVar[tuple[str, ...]]
+    alpha: float | None
+    roughness: float | None
+    distribution: Distribution | None
+
+    def __init_subclass__(cls) -> None:
+        cls.name = cls.kind.name
+
+    @property
+    def type(self) -> MaterialType:
+        """Name of the type."""
+        return self.kind.name
+
+    @property
+    def mirrors(self) -> bool:
+        """Whether it has a specular lobe."""
+        return self.kind.mirrors
+
+    @classmethod
+    @abstractmethod
+    def of_options(cls, given: Mapping[str, Any], distribution: Distribution) -> Self:
+        """The material that options describe.
+
+        Raises:
+            InputError: too little is given, or a value is out of its range; names the option.
+        """
+
+    @staticmethod
+    @abstractmethod
+    def bsdf(quantity: Callable[[str], Channels], alpha: float, distribution: Distribution) -> Bsdf:
+        """Mitsuba's BSDF of it.
+
+        Args:
+            quantity: computes one of `kind.stored` by its name.
+            alpha, distribution: of its microfacets, where it has any.
+        """
+
+    def with_alpha(self, alpha: float) -> Self:
+        """The material with a lobe of microfacets of that width; one that mirrors nothing, unchanged."""
+        return replace(self, alpha=alpha) if self.mirrors else self  # type: ignore[type-var] — all are dataclasses
+
+    @abstractmethod
+    def require_mitsubas(self) -> None:
+        """Raises InputError where Mitsuba has no such material."""
+
+
 @dataclass(frozen=True)
-class TrueMetal:
+class TrueMetal(TrueMaterial):
     """A metal.
 
     Attributes:
@@ -40,20 +104,29 @@ class TrueMetal:
     metal: str = ""
     source: str = ""
 
-    type: ClassVar[Literal["metal"]] = "metal"
-    mirrors: ClassVar[bool] = True
+    kind = METAL
+    options = ("metal", "n", "k", "alpha", "roughness")
 
     def __post_init__(self) -> None:
         require("--n", self.n, all(0 < v < math.inf for v in self.n), "three finite numbers > 0")
         require("--k", self.k, all(0 <= v < math.inf for v in self.k), "three finite numbers >= 0")
         _require_finish(self)
 
+    @classmethod
+    def of_options(cls, given: Mapping[str, Any], distribution: Distribution) -> TrueMetal:
+        finish: dict[str, Any] = {"alpha": given.get("alpha"), "roughness": given.get("roughness")}
+        return TrueMetal(**_indices(given), **finish, distribution=distribution)
+
+    @staticmethod
+    def bsdf(quantity: Callable[[str], Channels], alpha: float, distribution: Distribution) -> Bsdf:
+        return conductor(quantity("n"), quantity("k"), alpha, distribution)
+
     def require_mitsubas(self) -> None:
         """Mitsuba has all metals."""
 
 
 @dataclass(frozen=True)
-class TrueGlossy:
+class TrueGlossy(TrueMaterial):
     """A dielectric: a diffuse body under a reflecting surface.
 
     Attributes:
@@ -71,12 +144,21 @@ class TrueGlossy:
     roughness: float | None = None
     distribution: Distribution = "ggx"
 
-    type: ClassVar[Literal["glossy"]] = "glossy"
-    mirrors: ClassVar[bool] = True
+    kind = GLOSSY
+    options = ("color", "reflectance", "alpha", "roughness")
 
     def __post_init__(self) -> None:
         _require_shares(self)
         _require_finish(self)
+
+    @classmethod
+    def of_options(cls, given: Mapping[str, Any], distribution: Distribution) -> TrueGlossy:
+        _require_given(given, cls.name, "color", "reflectance")
+        return TrueGlossy(**given, distribution=distribution)
+
+    @staticmethod
+    def bsdf(quantity: Callable[[str], Channels], alpha: float, distribution: Distribution) -> Bsdf:
+        return plastic(quantity("color"), quantity("reflectance")[0], alpha, distribution)
 
     def require_mitsubas(self) -> None:
         """Raises InputError where Mitsuba has no such surface."""
@@ -94,7 +176,7 @@ class TrueGlossy:
 
 
 @dataclass(frozen=True)
-class TrueMatte:
+class TrueMatte(TrueMaterial):
     """A surface without reflections.
 
     Attributes:
@@ -109,8 +191,8 @@ class TrueMatte:
     color: Channels
     reflectance: Channels = (1.0, 1.0, 1.0)
 
-    type: ClassVar[Literal["matte"]] = "matte"
-    mirrors: ClassVar[bool] = False
+    kind = MATTE
+    options = ("color", "reflectance")
     alpha: ClassVar[None] = None
     roughness: ClassVar[None] = None
     distribution: ClassVar[None] = None
@@ -118,13 +200,23 @@ class TrueMatte:
     def __post_init__(self) -> None:
         _require_shares(self)
 
+    @classmethod
+    def of_options(cls, given: Mapping[str, Any], distribution: Distribution) -> TrueMatte:
+        _require_given(given, cls.name, "color")
+        return TrueMatte(**given)
+
+    @staticmethod
+    def bsdf(quantity: Callable[[str], Channels], alpha: float, distribution: Distribution) -> Bsdf:
+        return diffuse(quantity("color"))
+
     def require_mitsubas(self) -> None:
         """Raises InputError where Mitsuba has no such body."""
         expected = "none: Mitsuba's matte is Lambertian; --model viewer has others"
         require("--reflectance", self.reflectance, set(self.reflectance) == {1.0}, expected)
 
 
-TrueMaterial = TrueMetal | TrueGlossy | TrueMatte
+TRUE_TYPES: Registry[type[TrueMaterial]] = Registry(TrueMetal, TrueGlossy, TrueMatte)
+"""All types of material, as plain numbers."""
 
 
 def require(option: str, value: object, fulfilled: bool, expected: str) -> None:
@@ -151,6 +243,22 @@ def _require_one(material: TrueMaterial, wanted: str, other: str, model: str) ->
     require(f"--{other}", surplus, surplus is None, f"--{wanted}, which is what --model {model} shades with")
     missing = getattr(material, wanted) is None
     require(f"--{wanted}", "", not missing, f"a number here: a {material.type} surface of --model {model} has one")
+
+
+def _indices(given: Mapping[str, Any]) -> dict[str, Any]:
+    """n, k and where they come from."""
+    found = [key for key in ("metal", "n", "k") if key in given]
+    if "n" not in given and "k" not in given and found:
+        known = known_metal(given["metal"])
+        return {"n": known.n, "k": known.k, "metal": known.name, "source": known.source}
+    told = " and ".join(found) or "without a metal"
+    require("--metal", told, found == ["n", "k"], "either a metal's name, or n and k")
+    return {"n": given["n"], "k": given["k"]}
+
+
+def _require_given(given: Mapping[str, Any], kind: str, *keys: str) -> None:
+    for key in keys:
+        require(f"--{key}", "", key in given, f"three numbers here: a {kind} material has a {key}")
 
 
 def _require_shares(material: TrueGlossy | TrueMatte) -> None:

@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from dataclasses import replace
-from types import MappingProxyType
-from typing import Any, Literal
+from collections.abc import Mapping
+from typing import Any
 
-from fit_material.renderer.materials.catalogue import metal as known_metal
+from fit_material.renderer.materials.bsdf import Channels, Distribution
 from fit_material.renderer.materials.ground_truth import (
-    Channels,
-    Distribution,
+    TRUE_TYPES,
     ShadingModel,
     TrueGlossy,
     TrueMaterial,
@@ -19,20 +16,11 @@ from fit_material.renderer.materials.ground_truth import (
     require,
 )
 
-MaterialType = Literal["auto", "metal", "glossy", "matte"]
-
 DEFAULT_ALPHA = 0.2
-_KEYS: Mapping[str, tuple[str, ...]] = MappingProxyType(
-    {
-        "metal": ("metal", "n", "k", "alpha", "roughness"),
-        "glossy": ("color", "reflectance", "alpha", "roughness"),
-        "matte": ("color", "reflectance"),
-    }
-)
 
 
 def true_material(
-    type: MaterialType = "auto",
+    type: str = "auto",
     *,
     metal: str | None = None,
     n: Channels | None = None,
@@ -64,54 +52,18 @@ def true_material(
         "roughness": roughness,
     }
     given = {key: value for key, value in values.items() if value is not None}
-    kind = _type_of(given) if type == "auto" else type
+    made = TRUE_TYPES[_type_of(given) if type == "auto" else type]
     for key, value in given.items():
-        belonging = ", ".join(_KEYS[kind])
-        require(f"--{key}", value, key in _KEYS[kind], f"no {key} for a {kind} material, which has {belonging}")
-    return _MAKERS[kind](given, distribution)
-
-
-def _metal(given: Mapping[str, Any], distribution: Distribution) -> TrueMetal:
-    finish: dict[str, Any] = {"alpha": given.get("alpha"), "roughness": given.get("roughness")}
-    return TrueMetal(**_indices(given), **finish, distribution=distribution)
-
-
-def _glossy(given: Mapping[str, Any], distribution: Distribution) -> TrueGlossy:
-    _require_given(given, "glossy", "color", "reflectance")
-    return TrueGlossy(**given, distribution=distribution)
-
-
-def _matte(given: Mapping[str, Any], distribution: Distribution) -> TrueMatte:
-    _require_given(given, "matte", "color")
-    return TrueMatte(**given)
-
-
-_MAKERS: Mapping[str, Callable[[Mapping[str, Any], Distribution], TrueMaterial]] = MappingProxyType(
-    {"metal": _metal, "glossy": _glossy, "matte": _matte}
-)
-
-
-def _require_given(given: Mapping[str, Any], kind: str, *keys: str) -> None:
-    for key in keys:
-        require(f"--{key}", "", key in given, f"three numbers here: a {kind} material has a {key}")
+        expected = f"no {key} for a {made.name} material, which has {', '.join(made.options)}"
+        require(f"--{key}", value, key in made.options, expected)
+    return made.of_options(given, distribution)
 
 
 def _type_of(given: Mapping[str, Any]) -> str:
     if given.keys() & {"metal", "n", "k"}:
-        return "metal"
+        return TrueMetal.name
     require("synth", "without a material", "color" in given, "--metal NAME, --n and --k, or --color")
-    return "glossy" if "reflectance" in given else "matte"
-
-
-def _indices(given: Mapping[str, Any]) -> dict[str, Any]:
-    """n, k and where they come from."""
-    found = [key for key in ("metal", "n", "k") if key in given]
-    if "n" not in given and "k" not in given and found:
-        known = known_metal(given["metal"])
-        return {"n": known.n, "k": known.k, "metal": known.name, "source": known.source}
-    told = " and ".join(found) or "without a metal"
-    require("--metal", told, found == ["n", "k"], "either a metal's name, or n and k")
-    return {"n": given["n"], "k": given["k"]}
+    return TrueGlossy.name if "reflectance" in given else TrueMatte.name
 
 
 def shading_model(asked: ShadingModel | None, *materials: TrueMaterial) -> ShadingModel:
@@ -125,4 +77,4 @@ def with_default_alpha(material: TrueMaterial, model: ShadingModel) -> TrueMater
     """The material, with a width where Mitsuba's needs one and none was said."""
     if model != "mitsuba" or not material.mirrors or material.alpha is not None:
         return material
-    return replace(material, alpha=DEFAULT_ALPHA)
+    return material.with_alpha(DEFAULT_ALPHA)

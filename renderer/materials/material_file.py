@@ -26,7 +26,8 @@ from pydantic import Field, Strict
 from fit_material.renderer.errors.input_error import InputError
 from fit_material.renderer.files.toml import load_toml
 from fit_material.renderer.files.validation import Checked, Vector, check
-from fit_material.renderer.materials.ground_truth import Distribution, ShadingModel, TrueMaterial, require_shadable
+from fit_material.renderer.materials.bsdf import Distribution
+from fit_material.renderer.materials.ground_truth import ShadingModel, TrueMaterial, require_shadable
 from fit_material.renderer.materials.material_arguments import shading_model, true_material
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
@@ -16,14 +16,16 @@ from fit_material.renderer.files.regular_files import require_file
 from fit_material.renderer.materials.mtl_maps import ORDINARY_KEYS, THESIS_KEYS, Keys, MapReader
 from fit_material.renderer.materials.mtl_syntax import Block, Triple, read_blocks
 from fit_material.renderer.materials.textured_material import Appearance
-from fit_material.shaders.materials.types import TYPE_CODES, Glossy, Material, Matte, Metal, made_of, material_type
+from fit_material.shaders.materials.kinds import KINDS
+from fit_material.shaders.materials.quantities import COLOR, REFLECTANCE, ROUGHNESS, K, N, Quantity
+from fit_material.shaders.materials.types import Glossy, Material, Matte, Metal, made_of, type_codes
+from fit_material.shaders.materials.widths import RHO_PER_ALPHA, Blur
 from fit_material.shaders.optics import fresnel
 
 Dialect = Literal["auto", "thesis", "ordinary"]
 
-DEFAULT_TYPE = Matte.type  # of a code that is missing or unknown
+DEFAULT_TYPE = Matte.name  # of a code that is missing or unknown
 DEFAULT_COLOR = 0.6  # what Assimp, and so the thesis's viewer, takes for a missing Kd
-ROUGHNESS_OF_ALPHA = 2 * math.sqrt(2)  # ρ ≈ 2√2·alpha [MODEL.md 6]
 
 LARGEST = 1e6  # of n, k and ρ: far beyond any material, and its square still a float32
 _TINY = 2.0**-149  # the smallest float32 above 0
@@ -53,7 +55,7 @@ def default_appearance() -> Appearance:
 
 def read_mtl(
     path: str | Path,
-    codes: Mapping[str, int] = TYPE_CODES,
+    codes: Mapping[str, int] | None = None,
     dialect: Dialect = "auto",
     tree: Path | None = None,
     outside: bool = False,
@@ -79,7 +81,7 @@ def read_mtl(
 
     Args:
         path: UTF-8, UTF-16 with byte-order mark, or Latin-1.
-        codes: what `Ns` says for each type of material.
+        codes: what `Ns` says for each type of material; the thesis's numbers where left out.
         dialect: "auto" takes for the thesis's dialect a file called `*.thesis.mtl`, and one that has no keys but
             those above, in which every material has a known code for Ns, Ka, Kd, and Ks of three equal numbers.
         tree: the folder in or below which textures are read; the file's own where it is left out.
@@ -90,6 +92,7 @@ def read_mtl(
             ranges. A texture that cannot be used is no error but a remark.
     """
     path = Path(path)
+    codes = type_codes() if codes is None else codes
     require_file(path, "an MTL file")
     blocks, reader = read_blocks(path), MapReader(None if outside else tree or path.parent)
     if dialect == "thesis" or (dialect == "auto" and _is_thesis(path, blocks, codes)):
@@ -136,29 +139,30 @@ def _is_thesis_block(block: Block, codes: Mapping[str, int]) -> bool:
 def _thesis_material(block: Block, types: Mapping[float, str]) -> Material:
     code = block.number("Ns")
     kind = types.get(code, DEFAULT_TYPE) if code is not None else DEFAULT_TYPE
-    color, reflectance = (None, None) if material_type(kind).mirrors else (DEFAULT_COLOR, 1.0)
-    quantities: Mapping[str, Callable[[], Tensor]] = {
-        "n": lambda: _ranged(block, "Kd", "the metal's n", _TINY, LARGEST),
-        "k": lambda: _ranged(block, "Ka", "the metal's k", 0, LARGEST),
-        "color": lambda: _ranged(block, "Kd", "the color", 0, 1, default=color),
-        "reflectance": lambda: _ranged(block, "Ka", "the reflectance", 0, 1, default=reflectance),
-        "roughness": lambda: _roughness(block),
+    color, reflectance = (None, None) if KINDS[kind].mirrors else (DEFAULT_COLOR, 1.0)
+    ranges: Mapping[Quantity, tuple[str, float, float, float | None]] = {
+        N: ("the metal's n", _TINY, LARGEST, None),
+        K: ("the metal's k", 0, LARGEST, None),
+        COLOR: ("the color", 0, 1, color),
+        REFLECTANCE: ("the reflectance", 0, 1, reflectance),
     }
-    return made_of(kind, lambda name: quantities[name]())
+    return made_of(kind, lambda quantity: _ranged(block, quantity, *ranges[quantity]), lambda: Blur(_rho(block)))
 
 
-def _roughness(block: Block) -> Float[Tensor, ""]:
+def _rho(block: Block) -> Float[Tensor, ""]:
     """ρ of the thesis's dialect."""
-    rho = _ranged(block, "Ks", "the roughness", 0, LARGEST)
+    rho = _ranged(block, ROUGHNESS, "the roughness", 0, LARGEST)
     if len({*rho.tolist()}) != 1:
         raise block.error("Ks", rho.tolist(), "the roughness, one number thrice")
     return rho[0]
 
 
 def _ranged(
-    block: Block, key: str, what: str, low: float, high: float, default: float | None = None
+    block: Block, quantity: Quantity, what: str, low: float, high: float, default: float | None = None
 ) -> Float[Tensor, "3"]:
-    """Three numbers of the thesis's dialect, in [low, high]."""
+    """Three numbers of the thesis's dialect, in [low, high], by the quantity's key."""
+    key = quantity.mtl
+    assert key is not None
     interval = f"in [0, {high:g}]" if low == 0 else f"above 0 and at most {high:g}"
     values = block.triple(key)
     if values is None:
@@ -173,7 +177,7 @@ def _ranged(
 
 def _ordinary_material(block: Block) -> Material:
     kd, ks = _clamped(block, "Kd", 1.0 if "map_kd" in block.values else DEFAULT_COLOR), _clamped(block, "Ks", 0.0)
-    rho = torch.tensor(ROUGHNESS_OF_ALPHA * _alpha(block))
+    rho = Blur(torch.tensor(RHO_PER_ALPHA * _alpha(block)))
     illum = block.number("illum")
     f0 = _metal_f0(block, kd, ks, illum)
     if f0 is not None:

@@ -6,8 +6,7 @@ is of the variant that is current then. Nothing made under one variant can be us
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from types import MappingProxyType
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -18,12 +17,10 @@ from fit_material.renderer.cameras.camera import Camera
 from fit_material.renderer.environment.environment import Environment
 from fit_material.renderer.errors.input_error import InputError
 from fit_material.renderer.geometry.mesh import Mesh, Shape, Sphere
-from fit_material.renderer.materials.ground_truth import Channels, Distribution, TrueMaterial
+from fit_material.renderer.materials.bsdf import Bsdf, Channels, Distribution, rgb
+from fit_material.renderer.materials.ground_truth import TRUE_TYPES, TrueMaterial
 from fit_material.shaders.lights import DirectionalLight
-from fit_material.shaders.materials.quantities import MaterialType
-from fit_material.shaders.optics.fresnel import index_limit
-
-Bsdf = dict[str, Any]
+from fit_material.shaders.materials.kinds import MaterialType
 
 AUTO = "auto"  # the fastest variant that runs here
 
@@ -77,60 +74,7 @@ def bsdf(
         quantity: its n, k, color and reflectance by these names, as far as it has them.
         alpha, distribution: as `conductor`'s; nothing to a material that mirrors nothing.
     """
-    return _BSDFS[kind](quantity, (alpha, distribution or "ggx"))
-
-
-def conductor(n: Channels, k: Channels, alpha: float, distribution: Distribution = "ggx") -> Bsdf:
-    """A metal as Mitsuba's `roughconductor`, or `conductor` where it is a mirror.
-
-    Args:
-        n, k: complex refractive index n + ik, red, green, blue; unitless.
-        alpha: microfacet width, isotropic; 0 is a mirror.
-        distribution: of the microfacets' normals.
-    """
-    index = {"eta": _rgb(n), "k": _rgb(k)}
-    if alpha == 0:
-        return {"type": "conductor", **index}
-    return {"type": "roughconductor", **index, **_microfacets(alpha, distribution)}
-
-
-def plastic(color: Channels, reflectance: float, alpha: float, distribution: Distribution = "ggx") -> Bsdf:
-    """A diffuse body under a dielectric surface as Mitsuba's `roughplastic`, or `plastic` where it is smooth.
-
-    Args:
-        color: of the body, in [0, 1].
-        reflectance: F0 of the surface at normal incidence, in (0, 1), made by its index of refraction.
-        alpha, distribution: as `conductor`'s.
-    """
-    index = float(index_limit(torch.tensor(reflectance, dtype=torch.float64)))  # F0 = ((η-1)/(η+1))²
-    body = {"diffuse_reflectance": _rgb(color), "int_ior": index, "ext_ior": 1.0, "nonlinear": False}
-    if alpha == 0:
-        return {"type": "plastic", **body}
-    return {"type": "roughplastic", **body, **_microfacets(alpha, distribution)}
-
-
-def diffuse(color: Channels) -> Bsdf:
-    """A Lambertian surface of that albedo, in [0, 1], as Mitsuba's `diffuse`."""
-    return {"type": "diffuse", "reflectance": _rgb(color)}
-
-
-_BSDFS: Mapping[MaterialType, Callable[[Callable[[str], Channels], tuple[float, Distribution]], Bsdf]] = (
-    MappingProxyType(
-        {
-            "metal": lambda quantity, facets: conductor(quantity("n"), quantity("k"), *facets),
-            "glossy": lambda quantity, facets: plastic(quantity("color"), quantity("reflectance")[0], *facets),
-            "matte": lambda quantity, facets: diffuse(quantity("color")),
-        }
-    )
-)
-
-
-def _rgb(value: Sequence[float]) -> dict[str, Any]:
-    return {"type": "rgb", "value": list(value)}
-
-
-def _microfacets(alpha: float, distribution: Distribution) -> dict[str, Any]:
-    return {"alpha": alpha, "distribution": distribution, "sample_visible": True}
+    return TRUE_TYPES[kind].bsdf(quantity, alpha, distribution or "ggx")
 
 
 def sensor(camera: Camera, spp: int = 1) -> dict[str, Any]:
@@ -177,7 +121,7 @@ def directional(light: DirectionalLight) -> dict[str, Any]:
     return {
         "type": "directional",
         "direction": (-light.towards).tolist(),
-        "irradiance": _rgb((torch.pi * light.radiance).tolist()),
+        "irradiance": rgb((torch.pi * light.radiance).tolist()),
     }
 
 

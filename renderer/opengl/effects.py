@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from fit_material.renderer.viewer_model.model import Appearance
+from fit_material.shaders.materials.widths import rho_of
 from fit_material.shaders.optics.microfacets import MIRROR
 
 Definitions = frozenset[tuple[str, int]]
@@ -26,7 +27,7 @@ def definitions(
     wanted = {
         material.type.upper(): 1,
         "LIGHTS": lights,
-        "BLUR": int(material.roughness is not None and float(material.roughness) > MIRROR),
+        "BLUR": int(material.width is not None and float(rho_of(material.width)) > MIRROR),
         "NEIGHBOURS": int(material.mirrors and neighbours),
         "COLOR_MAP": int(material.has_body and uv and maps.color is not None),
         "NORMAL_MAP": int(uv and tangents and maps.normal is not None),

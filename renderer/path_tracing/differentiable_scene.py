@@ -15,11 +15,13 @@ from torch import Tensor
 from fit_material.renderer.environment.environment import Environment
 from fit_material.renderer.errors.input_error import InputError
 from fit_material.renderer.geometry.mesh import Shape
-from fit_material.renderer.mitsuba.conversion import Bsdf, directional, envmap, mitsuba, mitsuba_shapes
+from fit_material.renderer.materials.bsdf import Bsdf
+from fit_material.renderer.mitsuba.conversion import directional, envmap, mitsuba, mitsuba_shapes
 from fit_material.renderer.path_tracing.light_paths import ChangingMetal, LightPaths
 from fit_material.renderer.rays.gbuffer import GBuffer
 from fit_material.shaders.lights import DirectionalLight
 from fit_material.shaders.materials.types import Metal
+from fit_material.shaders.materials.widths import alpha_of
 
 Progress = Callable[[float], None]
 
@@ -136,7 +138,7 @@ class DifferentiableScene:
         import drjit
 
         mi = self._mi
-        n, k, alpha = mi.Color3f(metal.n.tolist()), mi.Color3f(metal.k.tolist()), mi.Float(float(metal.roughness))
+        n, k, alpha = mi.Color3f(metal.n.tolist()), mi.Color3f(metal.k.tolist()), mi.Float(float(alpha_of(metal.width)))
         drjit.make_opaque(n, k, alpha)  # constants would be compiled into the kernels, which each metal would need anew
         return n, k, alpha
 

@@ -10,7 +10,8 @@ from jaxtyping import Float
 from fit_material.renderer.cameras.camera import Camera
 from fit_material.renderer.environment.environment import Environment
 from fit_material.renderer.geometry.mesh import Shape
-from fit_material.renderer.mitsuba.conversion import Bsdf, directional, envmap, mitsuba, mitsuba_shapes, sensor
+from fit_material.renderer.materials.bsdf import Bsdf
+from fit_material.renderer.mitsuba.conversion import directional, envmap, mitsuba, mitsuba_shapes, sensor
 from fit_material.shaders.lights import DirectionalLight
 
 SAMPLES_PER_PASS = 2**20  # bounds memory, and the wait between two reports of progress or for Ctrl-C

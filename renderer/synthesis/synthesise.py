@@ -20,8 +20,9 @@ from fit_material.renderer.files.atomic import replaced_together
 from fit_material.renderer.files.regular_files import read_bytes
 from fit_material.renderer.geometry.mesh import UNNAMED, Mesh, Shape, Sphere, read_mesh
 from fit_material.renderer.images.image_file import write_exr
+from fit_material.renderer.materials.bsdf import Bsdf
 from fit_material.renderer.materials.ground_truth import ShadingModel, TrueMaterial, require, require_shadable
-from fit_material.renderer.mitsuba.conversion import AUTO, Bsdf, bsdf_of, mitsuba, variant_here
+from fit_material.renderer.mitsuba.conversion import AUTO, bsdf_of, mitsuba, variant_here
 from fit_material.renderer.path_tracing.path_tracer import render
 from fit_material.renderer.scene.lights import directional_light
 from fit_material.renderer.scene.scene_file import LightSpec

@@ -18,7 +18,9 @@ from fit_material.renderer.scene.scene_file import LightSpec
 from fit_material.renderer.viewer_model.model import Appearance
 from fit_material.renderer.viewer_model.shading import illuminations, shade_surface
 from fit_material.renderer.viewer_model.viewer_light import surroundings
+from fit_material.shaders.materials.quantities import ROUGHNESS, Quantity
 from fit_material.shaders.materials.types import Material, made_of
+from fit_material.shaders.materials.widths import Blur
 
 
 def viewer_photographer(
@@ -48,7 +50,7 @@ def viewer_photographer(
 def thesis_material(material: TrueMaterial) -> Material:
     """The thesis's material of these numbers, float64; without a roughness, a mirror."""
 
-    def number(name: str) -> Tensor:
-        return torch.tensor(getattr(material, name) or 0.0, dtype=torch.float64)
+    def number(quantity: Quantity) -> Tensor:
+        return torch.tensor(getattr(material, quantity.name) or 0.0, dtype=torch.float64)
 
-    return made_of(material.type, number)
+    return made_of(material.type, number, lambda: Blur(number(ROUGHNESS)))

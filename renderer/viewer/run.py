@@ -34,7 +34,7 @@ from fit_material.renderer.viewer.eye import Eye, eye_of, frame
 from fit_material.renderer.viewer.look import Look
 from fit_material.renderer.viewer_model.model import Model, read_model
 from fit_material.renderer.viewer_model.viewer_light import Surroundings, surroundings
-from fit_material.shaders.materials.types import TYPE_CODES
+from fit_material.shaders.materials.types import type_codes
 
 if TYPE_CHECKING:
     import moderngl
@@ -123,7 +123,7 @@ def show(options: ViewOptions) -> Iterator[Path]:
     yield from _written(options, model, light, photographs)
 
 
-def type_codes(text: str) -> Mapping[str, int]:
+def codes_of(text: str) -> Mapping[str, int]:
     """The table in `matte=0,glossy=1,metal=2`; a type that is left out keeps its code.
 
     Raises:
@@ -131,7 +131,7 @@ def type_codes(text: str) -> Mapping[str, int]:
     """
     entries = [re.fullmatch(r"\s*(matte|glossy|metal)\s*=\s*(-?\d{1,9})\s*", entry) for entry in text.split(",")]
     given = {entry[1]: int(entry[2]) for entry in entries if entry}
-    table = {**TYPE_CODES, **given}
+    table = {**type_codes(), **given}
     fulfilled = all(entries) and len(given) == len(entries) and len({*table.values()}) == len(table)
     require("--codes", text, fulfilled, "one whole number for each type, as in matte=0,glossy=4,metal=8")
     return table
@@ -244,7 +244,7 @@ class _Drawing:
 
 
 def _read(options: ViewOptions) -> Model:
-    return read_model(options.model, options.mtl, type_codes(options.codes), options.dialect, outside=options.outside)
+    return read_model(options.model, options.mtl, codes_of(options.codes), options.dialect, outside=options.outside)
 
 
 def _surroundings(options: ViewOptions) -> Surroundings:

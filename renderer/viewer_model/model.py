@@ -15,7 +15,6 @@ from fit_material.renderer.geometry.tangents import with_mirrored_apart
 from fit_material.renderer.materials.mtl_reader import Dialect, Library, default_appearance, read_mtl
 from fit_material.renderer.materials.mtl_syntax import found_file, spelled, written_names
 from fit_material.renderer.materials.textured_material import Appearance, Maps
-from fit_material.shaders.materials.types import TYPE_CODES
 
 
 @dataclass(frozen=True)
@@ -38,7 +37,7 @@ class Model:
 def read_model(
     mesh: str | Path,
     mtl: str | Path | None = None,
-    codes: Mapping[str, int] = TYPE_CODES,
+    codes: Mapping[str, int] | None = None,
     dialect: Dialect = "auto",
     smooth: bool = True,
     outside: bool = False,

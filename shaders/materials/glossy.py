@@ -3,17 +3,16 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from types import MappingProxyType
-from typing import ClassVar, Literal
 
 import torch
 from jaxtyping import Float
 from torch import Tensor
 
+from fit_material.shaders.materials.kinds import GLOSSY
 from fit_material.shaders.materials.lobes import Blurred, Diffuse, MicrofacetLobe, Specular, ThesisLobe
 from fit_material.shaders.materials.material import AbstractMaterial, MaterialReflectance
+from fit_material.shaders.materials.widths import Width, alpha_of, rho_of
 from fit_material.shaders.optics import diffuse, fresnel, rough_plastic
 from fit_material.shaders.optics.microfacets import Distribution
 from fit_material.shaders.optics.quadrature import legendre
@@ -28,18 +27,14 @@ class Glossy(AbstractMaterial):
     Attributes:
         color: of the body, in [0, 1].
         reflectance: of the surface at normal incidence, in [0, 1].
-        roughness: as a `Metal`'s.
+        width: as a `Metal`'s.
     """
 
     color: Float[Tensor, "*p 3"]
     reflectance: Float[Tensor, "3"]
-    roughness: Float[Tensor, ""]
+    width: Width
 
-    type: ClassVar[Literal["glossy"]] = "glossy"
-    noun = "glossy"
-    mirrors = True
-    has_body = True
-    same_as: ClassVar[Mapping[str, str]] = MappingProxyType({"f0": "reflectance"})
+    kind = GLOSSY
 
     @staticmethod
     def reflectance_formula(asked: str, microfacets: bool) -> str:
@@ -65,7 +60,7 @@ class Glossy(AbstractMaterial):
 
         f = color · outcoupling · T(n·l) T(n·v) / π        [`shaders.optics.rough_plastic`]
         """
-        eta, alpha = self.ior, self.roughness
+        eta, alpha = self.ior, alpha_of(self.width)
 
         def passed(cosine: Tensor) -> Tensor:
             return rough_plastic.transmittance(cosine, eta, alpha, distribution)
@@ -85,7 +80,7 @@ class Glossy(AbstractMaterial):
             return diffuse.energy_guard(color.expand(f.shape), f)
 
         white = torch.ones_like(self.reflectance)
-        return Blurred(self.schlick_reflectance, self.roughness), Diffuse(white, torch.ones_like, guarded)
+        return Blurred(self.schlick_reflectance, rho_of(self.width)), Diffuse(white, torch.ones_like, guarded)
 
     def exact_reflectance(self, cosine: Float[Tensor, "*p 1"]) -> Float[Tensor, "*p 1"]:
         """Fresnel's reflectance of a dielectric with one index for all channels."""
@@ -102,7 +97,7 @@ class Glossy(AbstractMaterial):
 
         color · outcoupling · T̄² + R̄,   T̄ = 2 ∫ T(µ) µ dµ, and R̄ like that        [`shaders.optics.rough_plastic`]
         """
-        eta, alpha = self.ior, self.roughness
+        eta, alpha = self.ior, alpha_of(self.width)
         cosine, weight = legendre(COSINES)
         passed, mirrored = (
             2 * (share(cosine, eta, alpha, distribution) * cosine * weight).sum()
@@ -110,5 +105,8 @@ class Glossy(AbstractMaterial):
         )
         return self.color * passed**2 * rough_plastic.outcoupling(eta, alpha, distribution) + mirrored
 
-    def with_width_times(self, factor: float) -> Glossy:
-        return replace(self, roughness=factor * self.roughness)
+    def with_color(self, color: Float[Tensor, "*p 3"]) -> Glossy:
+        return replace(self, color=color)
+
+    def with_width(self, width: Width) -> Glossy:
+        return replace(self, width=width)

@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping
-from types import MappingProxyType
+from collections.abc import Callable
 from typing import Any, ClassVar, Self
 
 import torch
 from jaxtyping import Float
 from torch import Tensor
 
+from fit_material.shaders.materials.kinds import Kind, MaterialType
 from fit_material.shaders.materials.lobes import MicrofacetLobe, ThesisLobe
-from fit_material.shaders.materials.quantities import MaterialType
+from fit_material.shaders.materials.widths import Width
 from fit_material.shaders.optics.microfacets import Distribution
 
 MaterialReflectance = Callable[[Any, Float[Tensor, "*p 1"]], Float[Tensor, "*p c"]]
@@ -22,19 +22,37 @@ MaterialReflectance = Callable[[Any, Float[Tensor, "*p 1"]], Float[Tensor, "*p c
 class AbstractMaterial(ABC):
     """A type of material: lobes, and the formulas of its reflectance.
 
+    Its fields are the quantities that `kind.stored` lists, each a tensor of that name, and `width` if it mirrors.
+
     Attributes:
-        type: its name, as files and the command line have it.
-        mirrors: whether it has a specular lobe.
-        has_body: whether it has a diffuse lobe.
-        same_as: quantities that are another one by a second name.
-        noun: what a sentence calls it.
+        kind: its type, as data.
+        name: the type's name.
+        width: of the specular lobe; None where there is none.
+        color: of the diffuse body; None where there is none.
     """
 
-    type: ClassVar[MaterialType]
-    mirrors: ClassVar[bool]
-    has_body: ClassVar[bool]
-    same_as: ClassVar[Mapping[str, str]] = MappingProxyType({})
-    noun: ClassVar[str]
+    kind: ClassVar[Kind]
+    name: ClassVar[MaterialType]
+    width: Width | None
+    color: Float[Tensor, "*p 3"] | None
+
+    def __init_subclass__(cls) -> None:
+        cls.name = cls.kind.name
+
+    @property
+    def type(self) -> MaterialType:
+        """Name of the type."""
+        return self.kind.name
+
+    @property
+    def mirrors(self) -> bool:
+        """Whether it has a specular lobe."""
+        return self.kind.mirrors
+
+    @property
+    def has_body(self) -> bool:
+        """Whether it has a diffuse lobe."""
+        return self.kind.has_body
 
     @staticmethod
     @abstractmethod
@@ -99,5 +117,9 @@ class AbstractMaterial(ABC):
         """
 
     @abstractmethod
-    def with_width_times(self, factor: float) -> Self:
-        """The material with a lobe so many times as wide; one that mirrors nothing, unchanged."""
+    def with_color(self, color: Float[Tensor, "*p 3"]) -> Self:
+        """The material with a body of that colour; one without a body, unchanged."""
+
+    @abstractmethod
+    def with_width(self, width: Width) -> Self:
+        """The material with a specular lobe of that width; one that mirrors nothing, unchanged."""

@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import functools
-from dataclasses import dataclass
-from typing import ClassVar, Literal
+from dataclasses import dataclass, replace
+from typing import ClassVar
 
 import torch
 from jaxtyping import Float
 from torch import Tensor
 
+from fit_material.shaders.materials.kinds import MATTE
 from fit_material.shaders.materials.lobes import Diffuse, MicrofacetLobe, ThesisLobe
 from fit_material.shaders.materials.material import AbstractMaterial, MaterialReflectance
+from fit_material.shaders.materials.widths import Width
 from fit_material.shaders.optics import fresnel
 from fit_material.shaders.optics.microfacets import Distribution
 
@@ -23,17 +25,14 @@ class Matte(AbstractMaterial):
     Attributes:
         color: in [0, 1].
         reflectance: how much of it is seen from the front, in [0, 1]; at 1 the surface is Lambertian.
-        roughness: none.
+        width: none.
     """
 
     color: Float[Tensor, "*p 3"]
     reflectance: Float[Tensor, "3"]
 
-    type: ClassVar[Literal["matte"]] = "matte"
-    noun = "matte"
-    mirrors = False
-    has_body = True
-    roughness: ClassVar[None] = None
+    kind = MATTE
+    width: ClassVar[None] = None
 
     @staticmethod
     def reflectance_formula(asked: str, microfacets: bool) -> str:
@@ -71,5 +70,8 @@ class Matte(AbstractMaterial):
         """Its colour, as if it were Lambertian."""
         return self.color
 
-    def with_width_times(self, factor: float) -> Matte:
+    def with_color(self, color: Float[Tensor, "*p 3"]) -> Matte:
+        return replace(self, color=color)
+
+    def with_width(self, width: Width) -> Matte:
         return self

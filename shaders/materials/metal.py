@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import functools
 from dataclasses import dataclass, replace
-from typing import ClassVar, Literal
+from typing import ClassVar
 
 import torch
 from jaxtyping import Float
 from torch import Tensor
 
+from fit_material.shaders.materials.kinds import METAL
 from fit_material.shaders.materials.lobes import Blurred, MicrofacetLobe, Specular, ThesisLobe
 from fit_material.shaders.materials.material import AbstractMaterial, MaterialReflectance
+from fit_material.shaders.materials.widths import Width, alpha_of, rho_of
 from fit_material.shaders.optics import fresnel
 from fit_material.shaders.optics.microfacets import Distribution
 
@@ -22,18 +24,15 @@ class Metal(AbstractMaterial):
 
     Attributes:
         n, k: complex refractive index per channel, n > 0, k >= 0.
-        roughness: blur radius ρ >= 0; where the lobe in use is a microfacet one, its width alpha.
+        width: of the specular lobe, as the model in use has it.
         color: none.
     """
 
     n: Float[Tensor, "3"]
     k: Float[Tensor, "3"]
-    roughness: Float[Tensor, ""]
+    width: Width
 
-    type: ClassVar[Literal["metal"]] = "metal"
-    noun = "a metal"
-    mirrors = True
-    has_body = False
+    kind = METAL
     color: ClassVar[None] = None
 
     @staticmethod
@@ -51,12 +50,12 @@ class Metal(AbstractMaterial):
     def microfacet_lobes(
         self, distribution: Distribution, reflectance: MaterialReflectance
     ) -> tuple[MicrofacetLobe, ...]:
-        return (Specular(functools.partial(reflectance, self), self.roughness),)
+        return (Specular(functools.partial(reflectance, self), alpha_of(self.width)),)
 
     def thesis_lobes(
         self, reflectance: MaterialReflectance, tint: Float[Tensor, "*p 3"] | None = None
     ) -> tuple[ThesisLobe, ...]:
-        return (Blurred(functools.partial(reflectance, self), self.roughness),)
+        return (Blurred(functools.partial(reflectance, self), rho_of(self.width)),)
 
     def exact_reflectance(self, cosine: Float[Tensor, "*p 1"]) -> Float[Tensor, "*p 3"]:
         return fresnel.conductor(cosine, self.n, self.k)
@@ -71,5 +70,8 @@ class Metal(AbstractMaterial):
         """F0, above which the mean over all sides is by (1 - F0)/21 [Schlick 1994, eq. 15, integrated]."""
         return self.f0
 
-    def with_width_times(self, factor: float) -> Metal:
-        return replace(self, roughness=factor * self.roughness)
+    def with_color(self, color: Float[Tensor, "*p 3"]) -> Metal:
+        return self
+
+    def with_width(self, width: Width) -> Metal:
+        return replace(self, width=width)

@@ -11,12 +11,13 @@ from fit_material.fitter.forward.lighting import Setting
 from fit_material.fitter.options.fidelity import preset
 from fit_material.renderer.environment.environment_file import read_environment
 from fit_material.renderer.geometry.mesh import Sphere
+from fit_material.renderer.materials.bsdf import conductor
 from fit_material.renderer.materials.catalogue import metal
-from fit_material.renderer.mitsuba.conversion import conductor
 from fit_material.renderer.path_tracing.path_tracer import render
 from fit_material.renderer.rays import gbuffer
 from fit_material.renderer.synthesis.camera_placement import views
 from fit_material.shaders.materials.types import Metal
+from fit_material.shaders.materials.widths import Microfacet
 from tests.support.paths import SHARED
 
 SIZE, REPEATS, SPP, SAMPLES = 96, 4, 4096, 4096
@@ -51,7 +52,9 @@ def _row(environment_name: str, lobe: str, alpha: float, variant: str) -> str:
     setting = Setting(environment, (), preset("standard", lobe))  # type: ignore[arg-type]
     table = setting.table(surface, (alpha * 0.999, alpha * 1.001, 1), SAMPLES)
     pixels = setting.pixels(surface, body=False)
-    truth = Metal(*(torch.tensor(v, dtype=torch.float64) for v in (gold.n, gold.k, alpha)))
+    truth = Metal(
+        *(torch.tensor(v, dtype=torch.float64) for v in (gold.n, gold.k)), Microfacet(torch.tensor(alpha).double())
+    )
     whole, a, b = (pixels.under(each).radiance(truth).numpy() for each in (table, table.half(0), table.half(1)))
     our_error = np.abs(a - b) / 2
 

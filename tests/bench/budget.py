@@ -118,7 +118,7 @@ def _chance(fit: Fit) -> Float[Tensor, " x"]:
 def _in_errors(fit: Fit, shift: Float[Tensor, " x"]) -> list[float]:
     """The largest shift of F0, n, k and alpha, in their stated standard errors."""
     uncertainty, coordinates = spread(fit.residuals, fit.x), fit.residuals.coordinates
-    numbers = (lambda m: m.f0, lambda m: m.n, lambda m: m.k, lambda m: m.roughness[None])
+    numbers = (lambda m: m.f0, lambda m: m.n, lambda m: m.k, lambda m: m.width.value[None])
     found = []
     for number in numbers:
 

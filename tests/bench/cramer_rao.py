@@ -32,6 +32,7 @@ from fit_material.renderer.rays.self_visibility import sees_itself
 from fit_material.renderer.synthesis.camera_placement import views
 from fit_material.renderer.synthesis.synthesise import SynthOptions
 from fit_material.shaders.materials.types import Metal
+from fit_material.shaders.materials.widths import Microfacet
 from tests.bench.noise import Noise, noise_of
 from tests.bench.photographs import Case
 
@@ -115,7 +116,7 @@ def _truth(case: Case) -> Float[Tensor, "7"]:
 
 
 def _metal(x: Float[Tensor, "7"]) -> Metal:
-    return Metal(x[:3], x[3:6], x[6])
+    return Metal(x[:3], x[3:6], Microfacet(x[6]))
 
 
 @lru_cache(maxsize=1)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import os
 import statistics
 import time
@@ -22,6 +21,8 @@ from fit_material.renderer.rays import gbuffer
 from fit_material.renderer.synthesis.studio import studio
 from fit_material.renderer.viewer_model import shading
 from fit_material.renderer.viewer_model.viewer_light import Surroundings, surroundings
+from fit_material.shaders.materials.types import made_of
+from fit_material.shaders.materials.widths import Blur
 from tests.bench.setting import spread
 from tests.support import parity
 
@@ -118,8 +119,12 @@ def _by_torch(case: parity.Case, light: Surroundings) -> dict[str, Callable[[], 
 def _single(appearance: Appearance) -> Appearance:
     """The same in float32, in which GL computes."""
     material = appearance.material
-    numbers = {field.name: getattr(material, field.name).float() for field in dataclasses.fields(material)}
-    return Appearance(dataclasses.replace(material, **numbers), appearance.maps)
+    single = made_of(
+        material.type,
+        lambda quantity: getattr(material, quantity.name).float(),
+        lambda: Blur(material.width.value.float()),
+    )
+    return Appearance(single, appearance.maps)
 
 
 def _milliseconds(work: Callable[[], object]) -> float:

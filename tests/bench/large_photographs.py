@@ -24,6 +24,7 @@ from fit_material.renderer.scene.scene_file import CameraSpec, camera_of
 from fit_material.renderer.synthesis.camera_placement import View, views
 from fit_material.renderer.synthesis.studio import studio
 from fit_material.shaders.materials.types import Metal
+from fit_material.shaders.materials.widths import Microfacet
 from tests.bench.setting import CACHE
 from tests.support.srgb_curve import encoded
 
@@ -104,7 +105,7 @@ def _traced(pose: View) -> tuple[Float[np.ndarray, "h w 3"], Bool[np.ndarray, "h
     camera = camera_of(_spec(pose), TRACED_WIDTH, TRACED_WIDTH * 3 // 4)
     known, setting = metal("Au"), Setting(studio(MADE_UNDER), (), preset("standard"))
     n, k = (torch.tensor(each, dtype=torch.float64) for each in (known.n, known.k))
-    gold = Metal(n, k, torch.tensor(ALPHA, dtype=torch.float64))
+    gold = Metal(n, k, Microfacet(torch.tensor(ALPHA, dtype=torch.float64)))
 
     def shade(surface: GBuffer) -> torch.Tensor:
         return setting.radiance(gold, surface, SAMPLES)

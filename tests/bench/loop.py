@@ -17,8 +17,9 @@ from fit_material.fitter.report.image_quality import compare
 from fit_material.fitter.result.schema import PictureQuality, Result, read_result
 from fit_material.renderer.geometry.mesh import read_mesh
 from fit_material.renderer.images.image_file import read_image
+from fit_material.renderer.materials.bsdf import Channels
 from fit_material.renderer.materials.catalogue import metal
-from fit_material.renderer.materials.ground_truth import Channels, TrueGlossy, TrueMaterial, TrueMatte, TrueMetal
+from fit_material.renderer.materials.ground_truth import TrueGlossy, TrueMaterial, TrueMatte, TrueMetal
 from fit_material.renderer.synthesis.camera_placement import View, views
 from fit_material.renderer.synthesis.synthesise import SynthOptions, synthesise
 from tests.bench.photographs import map_of, photographed, truth_of

@@ -16,7 +16,7 @@ from fit_material.fitter.pipeline.fit_scene import fit_scene
 from fit_material.fitter.result.schema import FittedMaterial
 from fit_material.renderer.images.image_file import read_image
 from fit_material.renderer.images.textures import read_texture
-from fit_material.renderer.mitsuba.conversion import diffuse, plastic
+from fit_material.renderer.materials.bsdf import diffuse, plastic
 from tests.bench.photographs import SHAPES, map_of
 from tests.bench.setting import CACHE
 from tests.support.paths import SHARED

@@ -18,10 +18,12 @@ from fit_material.fitter.observations.scene_data import Loaded
 from fit_material.renderer.cameras.camera import Camera
 from fit_material.renderer.environment.environment import Environment
 from fit_material.renderer.geometry.mesh import Shape
-from fit_material.renderer.mitsuba.conversion import conductor, envmap, mitsuba, mitsuba_shapes, sensor
+from fit_material.renderer.materials.bsdf import conductor
+from fit_material.renderer.mitsuba.conversion import envmap, mitsuba, mitsuba_shapes, sensor
 from fit_material.renderer.path_tracing.differentiable_scene import DifferentiableScene
 from fit_material.renderer.rays import gbuffer
 from fit_material.shaders.materials.types import Metal
+from fit_material.shaders.materials.widths import Microfacet
 
 START = {"n": (1.0, 1.0, 1.0), "k": (3.0, 3.0, 3.0), "alpha": 0.4}  # of somebody who knows that it is a metal
 Numbers = Float[np.ndarray, "*p 3"]
@@ -188,7 +190,8 @@ def gauss_newton_in_one_pass(loaded: Loaded, limit: float) -> Iterator[State]:
     scene = DifferentiableScene(loaded.shape, loaded.environment, (), [conductor(**START)], max_depth=2)
 
     def derivatives(n: Numbers, k: Numbers, alpha: float, seed: int) -> list[Numbers]:
-        metal = Metal(*(torch.as_tensor(each, dtype=torch.float64) for each in (n, k, alpha)))
+        index, extinct, width = (torch.as_tensor(each, dtype=torch.float64) for each in (n, k, alpha))
+        metal = Metal(index, extinct, Microfacet(width))
         made = scene.radiance(surface, metal, samples=1024, seed=seed)
         return [each.numpy() for each in (made.value, made.by_n, made.by_k, made.by_alpha)]
 

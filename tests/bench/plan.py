@@ -22,7 +22,7 @@ from fit_material.fitter.pipeline.fit_scene import fit_scene
 from fit_material.fitter.result.schema import Result
 from fit_material.renderer.geometry.mesh import Mesh, Shape, Sphere, read_mesh
 from fit_material.renderer.images.image_file import write_exr
-from fit_material.renderer.mitsuba.conversion import Bsdf, conductor, diffuse, plastic
+from fit_material.renderer.materials.bsdf import Bsdf, conductor, diffuse, plastic
 from fit_material.renderer.path_tracing.differentiable_scene import DifferentiableScene
 from fit_material.renderer.path_tracing.path_tracer import render
 from fit_material.renderer.rays import gbuffer
@@ -33,6 +33,7 @@ from fit_material.renderer.synthesis.camera_placement import View, views
 from fit_material.renderer.synthesis.scene_writer import scene_toml
 from fit_material.shaders.effects import EFFECTS, NAMES
 from fit_material.shaders.materials.types import Metal
+from fit_material.shaders.materials.widths import Microfacet
 from fit_material.shaders.optics.fresnel import normal_reflectance
 from tests.support import bowl as golden
 from tests.support.plan_scenes import LAMP, row_of_balls, torus, write_obj
@@ -111,7 +112,7 @@ def cost_rows() -> Iterator[str]:
     body = _seconds(lambda: plain.pixels(surface, body=True))
     bare = _seconds(lambda: plain.pixels(surface, body=False))
     paths = _seconds(
-        lambda: scene.radiance(surface, Metal(n, k, alpha), samples=PATHS // 8, seed=0, beyond_direct=True)
+        lambda: scene.radiance(surface, Metal(n, k, Microfacet(alpha)), samples=PATHS // 8, seed=0, beyond_direct=True)
     )
     lamp = [_seconds(lambda each=each: each.pixels(surface, False).under(None)) for each in (lit, plain)]
     found = {

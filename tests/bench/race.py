@@ -179,7 +179,7 @@ def _rounds(loaded: Loaded, scene: Path) -> Iterator[State]:
         for fit in rounds(problem, "metal"):
             found = fit.material
             assert isinstance(found, Metal)
-            yield State(time.perf_counter() - begun, found.n.numpy(), found.k.numpy(), float(found.roughness))
+            yield State(time.perf_counter() - begun, found.n.numpy(), found.k.numpy(), float(found.width.value))
 
 
 def _ours(scene: Path, kind: str, truth: Truth) -> Finish:

@@ -20,11 +20,13 @@ from fit_material.renderer.environment.environment_file import read_environment
 from fit_material.renderer.geometry.mesh import Sphere
 from fit_material.renderer.light_kernel.table import fused_available
 from fit_material.renderer.light_tables import light_table
+from fit_material.renderer.materials.bsdf import conductor
 from fit_material.renderer.materials.catalogue import metal
-from fit_material.renderer.mitsuba.conversion import conductor, envmap, mitsuba, mitsuba_shapes, sensor
+from fit_material.renderer.mitsuba.conversion import envmap, mitsuba, mitsuba_shapes, sensor
 from fit_material.renderer.rays import gbuffer
 from fit_material.renderer.rays.gbuffer import GBuffer
 from fit_material.shaders.materials.types import Metal
+from fit_material.shaders.materials.widths import Microfacet
 from tests.bench.photographs import map_of
 from tests.bench.setting import spread
 
@@ -84,7 +86,7 @@ class Case:
     def material(self) -> Metal:
         known = metal(METAL)
         n, k, alpha = (torch.tensor(each, dtype=torch.float64) for each in (known.n, known.k, ALPHA))
-        return Metal(n, k, alpha)
+        return Metal(n, k, Microfacet(alpha))
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,10 @@ import torch
 from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 
-from fit_material.fitter.materials.coordinates import GlossyCoordinates, Interval, MatteCoordinates, MetalCoordinates
+from fit_material.fitter.materials.coordinates import WidthInterval
+from fit_material.fitter.materials.glossy import GlossyCoordinates
+from fit_material.fitter.materials.matte import MatteCoordinates
+from fit_material.fitter.materials.metal import MetalCoordinates
 from fit_material.fitter.selftest.claims import FINITE, between, float32, near
 from fit_material.fitter.selftest.experiments import references, small_scene
 from fit_material.fitter.selftest.experiments.row import Claim, Formula, Numbers
@@ -20,6 +23,7 @@ from fit_material.renderer.environment.environment import Environment
 from fit_material.shaders import shade
 from fit_material.shaders.lights import DirectionalLight
 from fit_material.shaders.materials.types import Glossy, Matte, Metal
+from fit_material.shaders.materials.widths import Blur
 from fit_material.shaders.optics import diffuse, fresnel, microfacets, rough_plastic
 from fit_material.shaders.shade import Light, Points
 
@@ -145,8 +149,8 @@ def test_lookups_are_between_their_texels_whatever_the_direction(v):
 def test_every_free_vector_is_a_material(x):
     free = torch.tensor(x, dtype=torch.float64)
     for coordinates in (
-        MetalCoordinates(Interval(0.005, 1.2, True)),
-        GlossyCoordinates(Interval(0.005, 1.2)),
+        MetalCoordinates(WidthInterval(0.005, 1.2, True)),
+        GlossyCoordinates(WidthInterval(0.005, 1.2)),
         MatteCoordinates(),
     ):
         material = coordinates.material(free[: coordinates.size])
@@ -174,8 +178,8 @@ def test_random_scenes_have_finite_pictures_with_finite_slopes(kind, colors, n, 
     index = torch.full((3,), n, dtype=torch.float64, requires_grad=True)
     extinct = torch.full((3,), k, dtype=torch.float64, requires_grad=True)
     material, unknowns = {
-        "metal": (Metal(index, extinct, roughness), (index, extinct, roughness)),
-        "glossy": (Glossy(color, reflectance, roughness), (color, reflectance, roughness)),
+        "metal": (Metal(index, extinct, Blur(roughness)), (index, extinct, roughness)),
+        "glossy": (Glossy(color, reflectance, Blur(roughness)), (color, reflectance, roughness)),
         "matte": (Matte(color, reflectance), (color, reflectance)),
     }[kind]
     cube = Cubemap(torch.tensor(texels, dtype=torch.float64).reshape(6, 2, 2, 1).expand(6, 2, 2, 3).contiguous())

@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 
 from fit_material.shaders.lights import DirectionalLight
 from fit_material.shaders.materials.types import Glossy, Matte, Metal
+from fit_material.shaders.materials.widths import Blur
 from fit_material.shaders.optics import blur, diffuse
 from fit_material.shaders.shade import Light, Points, double_bounce, reflection, shade
 
@@ -52,8 +53,8 @@ MAPPED = dataclasses.replace(POINTS, openness=float64([[0.6]]), tint=float64([[0
 def materials(rho: float = 0.3) -> dict[str, Metal | Glossy | Matte]:
     color, reflectance, rho_ = float64([0.8, 0.4, 0.1]), float64([0.25, 0.3, 0.04]), float64(rho)
     return {
-        "metal": Metal(float64(GOLD[0]), float64(GOLD[1]), rho_),
-        "glossy": Glossy(color, reflectance, rho_),
+        "metal": Metal(float64(GOLD[0]), float64(GOLD[1]), Blur(rho_)),
+        "glossy": Glossy(color, reflectance, Blur(rho_)),
         "matte": Matte(color, reflectance),
     }
 
@@ -63,7 +64,7 @@ def written_out(material, normal, view, light: Light, openness=1.0, tint=(1.0, 1
     dot = sum(a * b for a, b in zip(normal, view, strict=True))
     cos = min(max(dot, 0.0), 1.0)
     r = np.array([2 * dot * a - b for a, b in zip(normal, view, strict=True)])
-    rho = 0.0 if material.type == "matte" else float(material.roughness)
+    rho = 0.0 if material.type == "matte" else float(material.width.value)
     radius = rho * (1.0 if light.depth is None else float(light.depth(float64(r))))
     k_h = np.array([r[2], 0, -r[0]]) / math.hypot(r[0], r[2])
     taps, total = np.zeros(3), 0.0
@@ -127,7 +128,7 @@ def test_every_material_is_the_model_written_out(name, light, rho):
 
 
 def test_a_perfect_mirror_shows_the_sky_where_it_is_seen():
-    mirror = Metal(float64([1e-9] * 3), float64([1.0] * 3), float64(0.0))
+    mirror = Metal(float64([1e-9] * 3), float64([1.0] * 3), Blur(float64(0.0)))
     plane = Points(unit(0.0, 1.0, 0.0)[None], unit(0.6, 0.8, 0.0)[None])
     found = shade(mirror, plane, Light(sky, AMBIENT, sources=(SUN,)))  # and no lamp
     torch.testing.assert_close(found[0], sky(float64([-0.6, 0.8, 0.0])), rtol=1e-8, atol=0)
@@ -159,7 +160,7 @@ def test_a_lamps_reflection_is_a_normal_density_of_its_distance(rho):
 
 def test_a_lamp_is_seen_where_it_is_mirrored_and_under_the_reflectance():
     """At r = l a metal of F = 1 adds E/(√(2π) σ)."""
-    mirror = Metal(float64([1e-9] * 3), float64([1.0] * 3), float64(0.2))
+    mirror = Metal(float64([1e-9] * 3), float64([1.0] * 3), Blur(float64(0.2)))
     view = unit(0.3, 0.9, -0.1)
     halfway = Points(unit(*(view + SUN.towards).tolist())[None], view[None])
     with_lamp, without = (shade(mirror, halfway, Light(sky, AMBIENT, sources=s)) for s in ((SUN,), ()))

@@ -11,7 +11,7 @@ import numpy as np
 from fit_material.renderer.environment.environment import Environment
 from fit_material.renderer.geometry.mesh import Mesh
 from fit_material.renderer.images.image_file import write_exr
-from fit_material.renderer.mitsuba.conversion import conductor
+from fit_material.renderer.materials.bsdf import conductor
 from fit_material.renderer.path_tracing.path_tracer import render
 from fit_material.renderer.synthesis.camera_placement import View
 from fit_material.renderer.synthesis.scene_writer import scene_toml

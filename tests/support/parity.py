@@ -19,6 +19,7 @@ from fit_material.renderer.viewer_model.model import Model
 from fit_material.renderer.viewer_model.viewer_light import Surroundings
 from fit_material.shaders.lights import DirectionalLight
 from fit_material.shaders.materials.types import Glossy, Material, Matte, Metal
+from fit_material.shaders.materials.widths import Blur
 
 TOLERANCE = 1e-4  # relative, at the 99.9th percentile of covered pixels: the figure
 FLOOR = 1e-3  # of the picture's mean: what is darker counts as this bright
@@ -33,12 +34,12 @@ def numbers(*values: float) -> Float[torch.Tensor, "..."]:
 
 GOLD = numbers(0.18, 0.42, 1.37), numbers(3.42, 2.35, 1.77)
 MATERIALS: dict[str, Material] = {
-    "metal": Metal(*GOLD, numbers(0.2)),
-    "mirror": Metal(*GOLD, numbers(0.0)),
-    "glossy": Glossy(numbers(0.9, 0.3, 0.1), numbers(0.04, 0.06, 0.1), numbers(0.3)),
+    "metal": Metal(*GOLD, Blur(numbers(0.2))),
+    "mirror": Metal(*GOLD, Blur(numbers(0.0))),
+    "glossy": Glossy(numbers(0.9, 0.3, 0.1), numbers(0.04, 0.06, 0.1), Blur(numbers(0.3))),
     "matte": Matte(numbers(0.9, 0.3, 0.1), numbers(0.4, 1.0, 0.8)),
 }
-NEIGHBOUR = Appearance(Glossy(numbers(0.1, 0.3, 0.8), numbers(0.05, 0.05, 0.05), numbers(0.1)))
+NEIGHBOUR = Appearance(Glossy(numbers(0.1, 0.3, 0.8), numbers(0.05, 0.05, 0.05), Blur(numbers(0.1))))
 LIGHT = DirectionalLight(torch.nn.functional.normalize(numbers(0.3, 0.8, 0.6), dim=0), numbers(3.0, 2.5, 2.0))
 
 

@@ -21,6 +21,7 @@ from fit_material.renderer.rays.gbuffer import GBuffer
 from fit_material.shaders import shade
 from fit_material.shaders.lights import DirectionalLight
 from fit_material.shaders.materials.types import Glossy, Matte, Metal
+from fit_material.shaders.materials.widths import Blur
 from fit_material.shaders.optics import blur, diffuse
 from fit_material.shaders.shade import Light, Points
 
@@ -115,7 +116,7 @@ def turned_away(cos: Tensor, n: Tensor) -> Tensor:
     view = unit(1 - 0 * cos, 0 * cos, cos)
     normal = torch.zeros_like(view)
     normal[:, 2] = 1
-    metal = Metal(n[:, None], n[:, None] + 2, n.new_tensor(0.3))
+    metal = Metal(n[:, None], n[:, None] + 2, Blur(n.new_tensor(0.3)))
     return shade.shade(metal, Points(normal, view), even_light(n))[:, 0]
 
 
@@ -133,8 +134,9 @@ def every_material_at_the_poles(numbers: Numbers) -> str | None:
         normal = numbers.tensor([[0.0, up, 0.0]]).requires_grad_()
         half = numbers.tensor(0.5).expand(3).clone().requires_grad_()
         roughness = numbers.tensor(rho).requires_grad_()
+        width = Blur(roughness)
         light = even_light(half)
-        for material in (Metal(half, half, roughness), Glossy(half, half, roughness), Matte(half, half)):
+        for material in (Metal(half, half, width), Glossy(half, half, width), Matte(half, half)):
             radiance = shade.shade(material, Points(normal, normal.detach()), light)
             unknowns = (normal, half, roughness) if material.mirrors else (normal, half)
             slopes = torch.autograd.grad(radiance.sum(), unknowns, retain_graph=True)

@@ -7,15 +7,13 @@ import itertools
 import torch
 from torch import Tensor
 
-from fit_material.fitter.materials.coordinates import (
-    Coordinates,
-    GlossyCoordinates,
-    Interval,
-    MatteCoordinates,
-    MetalCoordinates,
-)
+from fit_material.fitter.materials.coordinates import Coordinates, WidthInterval
+from fit_material.fitter.materials.glossy import GlossyCoordinates
+from fit_material.fitter.materials.matte import MatteCoordinates
+from fit_material.fitter.materials.metal import MetalCoordinates
 from fit_material.fitter.selftest.experiments.row import Numbers
 from fit_material.shaders.materials.types import Metal
+from fit_material.shaders.materials.widths import Microfacet
 from fit_material.shaders.optics import diffuse, fresnel, rough_plastic
 
 
@@ -69,7 +67,7 @@ def corners(numbers: Numbers) -> str | None:
             x[3:] = corner[1]
             x.requires_grad_()
             material = coordinates.material(x)
-            told = list(vars(material).values())
+            told = [getattr(each, "value", each) for each in vars(material).values()]
             slope = torch.autograd.grad(torch.stack([value.sum() for value in told]).sum(), x)[0]
             back = coordinates.free(material)
             if not all(each.isfinite().all() for each in (*told, slope, back)):
@@ -79,16 +77,16 @@ def corners(numbers: Numbers) -> str | None:
 
 def _unbounded() -> tuple[Coordinates, ...]:
     """The free vectors of all types."""
-    metal, glossy = MetalCoordinates(Interval(0.005, 1.2, True)), GlossyCoordinates(Interval(0.005, 1.2))
+    metal, glossy = MetalCoordinates(WidthInterval(0.005, 1.2, True)), GlossyCoordinates(WidthInterval(0.005, 1.2))
     return metal, glossy, MatteCoordinates()
 
 
 def tints_return(numbers: Numbers) -> float:
     """How far n comes back from its own free vector, relative, also where k is all but 0: worst of many."""
-    coordinates, worst = MetalCoordinates(Interval(0.005, 1.2, True)), 0.0
+    coordinates, worst = MetalCoordinates(WidthInterval(0.005, 1.2, True)), 0.0
     for n, k in itertools.product((0.02, 0.5, 0.999, 1.5, 20.0), (0.0, 1e-9, 1e-4, 1.0, 10.0)):
         index, extinct = (torch.full((3,), value, dtype=torch.float64) for value in (n, k))
-        metal = Metal(index, extinct, torch.tensor(0.1, dtype=torch.float64))
+        metal = Metal(index, extinct, Microfacet(torch.tensor(0.1, dtype=torch.float64)))
         found = coordinates.material(coordinates.free(metal))
         worst = max(worst, float((found.n / n - 1).abs().max()), float((found.k - k).abs().max()) / max(n, k, 1))
     return worst

@@ -20,7 +20,8 @@ from fit_material.fitter.least_squares.covariance import spread
 from fit_material.fitter.least_squares.noise import even_whitening, relative_weight
 from fit_material.fitter.least_squares.residuals import Residuals
 from fit_material.fitter.least_squares.solvers import levenberg_marquardt
-from fit_material.fitter.materials.coordinates import Interval, MetalCoordinates
+from fit_material.fitter.materials.coordinates import WidthInterval
+from fit_material.fitter.materials.metal import MetalCoordinates
 from fit_material.fitter.observations.pixel_selection import Observations
 from fit_material.fitter.result.schema import FittedMaterial, Status
 from fit_material.renderer.environment.environment import Environment, directions
@@ -31,16 +32,17 @@ from fit_material.renderer.rays import gbuffer
 from fit_material.renderer.rays.gbuffer import GBuffer
 from fit_material.shaders.materials.fresnel_models import REFLECTANCES, MaterialReflectance
 from fit_material.shaders.materials.types import Metal
+from fit_material.shaders.materials.widths import Microfacet
 
 PIXELS, NOISE = 90, 0.01
 SPAN = (0.15, 0.6)  # of alpha
-COORDINATES = MetalCoordinates(Interval(*SPAN, logarithmic=True))
+COORDINATES = MetalCoordinates(WidthInterval(*SPAN, logarithmic=True))
 
 
 def gold() -> Metal:
     """What is photographed."""
     n, k = (torch.tensor(each, dtype=torch.float64) for each in ((0.15, 0.42, 1.43), (3.58, 2.33, 1.85)))
-    return Metal(n, k, torch.tensor(0.3, dtype=torch.float64))
+    return Metal(n, k, Microfacet(torch.tensor(0.3, dtype=torch.float64)))
 
 
 @functools.cache

@@ -17,7 +17,7 @@ from fit_material.renderer.cameras.camera import Camera, look_at
 from fit_material.renderer.errors.input_error import InputError
 from fit_material.renderer.images.image_file import read_image, write_exr
 from fit_material.renderer.synthesis.studio import studio
-from fit_material.renderer.viewer.run import type_codes
+from fit_material.renderer.viewer.run import codes_of
 from fit_material.renderer.viewer_model.model import read_model
 from fit_material.renderer.viewer_model.shading import render as torch_render
 from fit_material.renderer.viewer_model.viewer_light import surroundings
@@ -168,10 +168,10 @@ def test_other_codes_of_types(ball, gl):
 
 
 def test_codes():
-    assert type_codes("metal=8,glossy=4") == {"matte": 0, "glossy": 4, "metal": 8}
+    assert codes_of("metal=8,glossy=4") == {"matte": 0, "glossy": 4, "metal": 8}
     for wrong in ("metal", "metal=x", "steel=1", "metal=1,metal=2", "metal=1", ""):
         with pytest.raises(InputError, match="one whole number for each type"):
-            type_codes(wrong)
+            codes_of(wrong)
 
 
 @pytest.mark.parametrize(

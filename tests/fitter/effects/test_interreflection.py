@@ -19,13 +19,15 @@ from fit_material.fitter.pipeline import describe_fit
 from fit_material.fitter.pipeline.fit_scene import FitOptions, fit_scene
 from fit_material.renderer.errors.input_error import InputError
 from fit_material.renderer.geometry.mesh import Sphere
-from fit_material.renderer.mitsuba.conversion import conductor, mitsuba
+from fit_material.renderer.materials.bsdf import conductor
+from fit_material.renderer.mitsuba.conversion import mitsuba
 from fit_material.renderer.path_tracing.differentiable_scene import DifferentiableScene, Radiance
 from fit_material.renderer.path_tracing.path_tracer import render
 from fit_material.renderer.rays import gbuffer
 from fit_material.renderer.rays.gbuffer import GBuffer
 from fit_material.renderer.synthesis.camera_placement import views
 from fit_material.shaders.materials.types import Material, Metal
+from fit_material.shaders.materials.widths import Microfacet
 from fit_material.shaders.optics import fresnel
 from tests.support.bowl import ALPHA, K, N, bowl, light, looks, photographs
 
@@ -44,7 +46,11 @@ def _llvm():
 def gold(n=0.0, k=0.0, alpha=0.0) -> Metal:
     """With these changes of its numbers."""
     made = (torch.tensor(each, dtype=torch.float64) for each in (N, K, ALPHA))
-    return Metal(*(number + change for number, change in zip(made, (n, k, alpha), strict=True)))
+    return metal_of(*(number + change for number, change in zip(made, (n, k, alpha), strict=True)))
+
+
+def metal_of(n, k, alpha) -> Metal:
+    return Metal(n, k, Microfacet(alpha))
 
 
 def inside() -> tuple[GBuffer, np.ndarray]:
@@ -162,18 +168,18 @@ def test_what_is_added_is_tangent_to_what_was_computed():
     """For light whose dependence is known, 2 F0 + 3 n + alpha k: the model has its value and slopes at the metal."""
 
     def known(metal: Metal) -> torch.Tensor:
-        return (2 * metal.f0 + 3 * metal.n + metal.roughness * metal.k)[None]
+        return (2 * metal.f0 + 3 * metal.n + metal.width.value * metal.k)[None]
 
     def of(n: torch.Tensor, k: torch.Tensor, alpha: torch.Tensor) -> torch.Tensor:
-        return known(Metal(n, k, alpha))
+        return known(metal_of(n, k, alpha))
 
     at = gold()
-    slopes = torch.func.jacfwd(of, argnums=(0, 1, 2))(at.n, at.k, at.roughness)
+    slopes = torch.func.jacfwd(of, argnums=(0, 1, 2))(at.n, at.k, at.width.value)
     by_n, by_k = (each.diagonal(dim1=1, dim2=2) for each in slopes[:2])
     model = PolishedPixels(Nothing(), (Tangent.of(Radiance(known(at), by_n, by_k, slopes[2]), at),))
     torch.testing.assert_close(model.radiance(at), known(at))
-    polished = torch.func.jacfwd(lambda *numbers: model.radiance(Metal(*numbers)), argnums=(0, 1, 2))
-    for mine, theirs in zip(polished(at.n, at.k, at.roughness), slopes, strict=True):
+    polished = torch.func.jacfwd(lambda *numbers: model.radiance(metal_of(*numbers)), argnums=(0, 1, 2))
+    for mine, theirs in zip(polished(at.n, at.k, at.width.value), slopes, strict=True):
         torch.testing.assert_close(mine, theirs)
 
 

@@ -18,13 +18,15 @@ from fit_material.fitter.observations.scene_data import kinds_of, load
 from fit_material.fitter.options.fidelity import PRESETS
 from fit_material.fitter.options.fit_options import FitOptions
 from fit_material.renderer.errors.input_error import InputError
-from fit_material.renderer.mitsuba.conversion import conductor, variant_here
+from fit_material.renderer.materials.bsdf import conductor
+from fit_material.renderer.mitsuba.conversion import variant_here
 from fit_material.renderer.path_tracing.differentiable_scene import require_variant
 from fit_material.renderer.path_tracing.path_tracer import render
 from fit_material.renderer.rays import gbuffer
 from fit_material.renderer.rays.pixel_footprint import middle
 from fit_material.shaders.effects import NAMES
 from fit_material.shaders.materials.types import Metal
+from fit_material.shaders.materials.widths import Microfacet
 from tests.renderer.rays.test_occlusion import CAMERA, inside, tensor
 from tests.support import bowl as golden
 from tests.support.plan_scenes import SCENES
@@ -58,7 +60,7 @@ def test_the_plan_is_the_set_that_the_scene_was_built_for(name, planner_of):
 @pytest.mark.parametrize(("alpha", "blurred"), [(0.001, False), (0.05, True)])
 def test_a_metal_that_is_found_to_be_a_mirror_calls_for_no_blur(alpha, blurred, planner_of):
     """A lobe of 0.001 spreads over 0.2°, a texel of the light over 6°, between which light is a plane."""
-    mirror = Metal(tensor(golden.N), tensor(golden.K), tensor(alpha))
+    mirror = Metal(tensor(golden.N), tensor(golden.K), Microfacet(tensor(alpha)))
     plan = planner_of("a lonely ball of metal").plan(["metal"], {"default": mirror})
     assert plan["blur"].on == blurred
 
@@ -91,7 +93,7 @@ def test_what_was_bounded_on_a_sample_holds_for_other_pixels(name, planner_of):
 def test_the_light_said_to_come_from_the_bowl_itself_is_what_mitsubas_paths_bring():
     """Paths of eight segments less those of two. One bounce in the viewer's blur stands for all of it: to a third."""
     surface, whole = inside()
-    metal = Metal(tensor(golden.N), tensor(golden.K), tensor(golden.ALPHA))
+    metal = Metal(tensor(golden.N), tensor(golden.K), Microfacet(tensor(golden.ALPHA)))
     bsdf = conductor(golden.N, golden.K, golden.ALPHA)
     deep, direct = (
         render(golden.bowl(), CAMERA, golden.light(), bsdf, spp=1024, max_depth=depth, variant=variant_here())

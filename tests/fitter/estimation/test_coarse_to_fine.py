@@ -18,7 +18,7 @@ from fit_material.fitter.forward.lighting import Setting
 from fit_material.fitter.least_squares.covariance import spread
 from fit_material.fitter.least_squares.reduced_residuals import solved
 from fit_material.fitter.least_squares.solvers import SOLVERS
-from fit_material.fitter.materials.coordinates import TINTS
+from fit_material.fitter.materials.metal import TINTS
 from fit_material.fitter.metal_prior.nearest_metals import nearest_metals
 from fit_material.fitter.observations.pixel_selection import Observations
 from fit_material.fitter.options.fidelity import PRESETS, Fidelity, preset
@@ -30,6 +30,7 @@ from fit_material.renderer.synthesis.camera_placement import views
 from fit_material.renderer.synthesis.studio import studio
 from fit_material.renderer.viewer_model.viewer_light import surroundings
 from fit_material.shaders.materials.types import Glossy, Material, Matte, Metal
+from fit_material.shaders.materials.widths import Blur, Microfacet, Width
 
 
 @pytest.fixture(scope="module")
@@ -52,8 +53,8 @@ def float64(values) -> torch.Tensor:
     return torch.tensor(values, dtype=torch.float64)
 
 
-def gold(roughness: float) -> Metal:
-    return Metal(float64((0.146, 0.425, 1.431)), float64((3.578, 2.326, 1.85)), float64(roughness))
+def gold(roughness: float, lobe: type[Width] = Microfacet) -> Metal:
+    return Metal(float64((0.146, 0.425, 1.431)), float64((3.578, 2.326, 1.85)), lobe(float64(roughness)))
 
 
 def quiet(stage: str, share: float) -> None:
@@ -73,21 +74,21 @@ def problem_of(truth: Material, surface: GBuffer, light: Environment, fidelity: 
 def test_the_viewers_model_finds_its_own_metal(light, rho):
     """No noise and no integration error: what is left is the interpolation between levels of ρ and the solver's
     tolerance of 1e-6."""
-    fit = fit_material(problem_of(gold(rho), surface_of(32), light, PRESETS["viewer"]), "metal")
+    fit = fit_material(problem_of(gold(rho, Blur), surface_of(32), light, PRESETS["viewer"]), "metal")
     assert fit.solution.status == "converged"
-    torch.testing.assert_close(fit.material.f0, gold(rho).f0, atol=1e-4, rtol=0)
-    assert float(fit.material.roughness) == pytest.approx(rho, abs=1e-3)
+    torch.testing.assert_close(fit.material.f0, gold(rho, Blur).f0, atol=1e-4, rtol=0)
+    assert float(fit.material.width.value) == pytest.approx(rho, abs=1e-3)
 
 
 @pytest.mark.parametrize("rho", [0.1, 0.4])
 def test_the_viewers_model_finds_its_own_glossy_material(light, rho):
     """Each channel has a reflectance of its own; as above."""
-    truth = Glossy(*(float64(v) for v in ((0.6, 0.2, 0.05), (0.04, 0.1, 0.3), rho)))
+    truth = Glossy(float64((0.6, 0.2, 0.05)), float64((0.04, 0.1, 0.3)), Blur(float64(rho)))
     fit = fit_material(problem_of(truth, surface_of(32), light, PRESETS["viewer"]), "glossy")
     assert fit.solution.status == "converged"
     for key in ("color", "reflectance"):
         torch.testing.assert_close(getattr(fit.material, key), getattr(truth, key), atol=1e-4, rtol=0)
-    assert float(fit.material.roughness) == pytest.approx(rho, abs=1e-3)
+    assert float(fit.material.width.value) == pytest.approx(rho, abs=1e-3)
 
 
 @pytest.mark.parametrize("fidelity", ["viewer", "preview"])
@@ -111,8 +112,8 @@ def test_microfacets_are_found_within_the_stated_errors(light, distribution, alp
     truth, errors = gold(alpha), spread(fit.residuals, fit.x).covariance.diagonal().sqrt()
     assert fit.solution.status == "converged"
     assert (torch.logit(fit.material.f0) - torch.logit(truth.f0)).abs().lt(5 * errors[:3]).all()
-    roughness = fit.residuals.coordinates.roughness
-    assert abs(fit.x[-1] - roughness.free(truth.roughness)) < 5 * errors[-1]
+    roughness = fit.residuals.coordinates.width
+    assert abs(fit.x[-1] - roughness.free(truth.width.value)) < 5 * errors[-1]
     share = errors[-1] / 4 * 2 * math.log(fidelity.spans[-1])  # a logit's slope is a quarter at most
     assert share < 0.03  # of alpha, or the bound above would mean nothing
 
@@ -120,7 +121,7 @@ def test_microfacets_are_found_within_the_stated_errors(light, distribution, alp
 @pytest.mark.parametrize("alpha", [0.05, 0.4])
 def test_a_rough_plastic_is_found_within_the_stated_errors(light, alpha):
     """As above, with colour and one reflectance."""
-    truth = Glossy(*(float64(v) for v in ((0.6, 0.2, 0.05), (0.05, 0.05, 0.05), alpha)))
+    truth = Glossy(float64((0.6, 0.2, 0.05)), float64((0.05, 0.05, 0.05)), Microfacet(float64(alpha)))
     fit = fit_material(problem_of(truth, surface_of(24, 2), light, preset("preview"), samples=4096), "glossy")
     errors = spread(fit.residuals, fit.x).covariance.diagonal().sqrt()
     assert fit.solution.status == "converged"
@@ -130,7 +131,7 @@ def test_a_rough_plastic_is_found_within_the_stated_errors(light, alpha):
 
 TRUTHS = {
     "metal": gold(0.3),
-    "glossy": Glossy(float64((0.5, 0.3, 0.1)), float64((0.04, 0.04, 0.04)), float64(0.2)),
+    "glossy": Glossy(float64((0.5, 0.3, 0.1)), float64((0.04, 0.04, 0.04)), Microfacet(float64(0.2))),
     "matte": Matte(float64((0.5, 0.3, 0.1)), float64((1.0, 1.0, 1.0))),
 }
 
@@ -150,7 +151,7 @@ def test_the_noise_of_few_samples_is_no_misfit():
     radiance = torch.full((64, 128, 3), 0.05)
     radiance[[20, 26, 33], [10, 60, 101]] = torch.tensor([400.0, 900.0, 600.0])[:, None]
     lamps = Environment(radiance)
-    iron = Metal(float64((2.87, 2.95, 2.65)), float64((3.05, 2.93, 2.77)), float64(0.4))
+    iron = Metal(float64((2.87, 2.95, 2.65)), float64((3.05, 2.93, 2.77)), Microfacet(float64(0.4)))
     fidelity = replace(preset("preview"), samples=64, search_samples=64)
     choice = fit_type(problem_of(iron, surface_of(24, 2), lamps, fidelity, samples=8192), None)
     assert choice.fit.material.type == "metal"
@@ -191,10 +192,10 @@ def test_a_roughness_that_leaves_the_last_table_is_sought_among_all(light, wrong
     """From there, tables that reach a tenth further each time end before the true 0.3."""
     elsewhere, there = (problem_of(gold(alpha), surface_of(24, 2), light, preset("preview")) for alpha in (wrong, 0.3))
     near = anew(there, fit_material(elsewhere, "metal"))
-    assert abs(math.log(float(near.material.roughness) / 0.3)) > 0.1
+    assert abs(math.log(float(near.material.width.value) / 0.3)) > 0.1
     fit = surveyed(there, near)
     assert fit.solution.status == "converged"
-    assert float(fit.material.roughness) == pytest.approx(0.3, rel=0.02)  # its error is 1 % at most, as above
+    assert float(fit.material.width.value) == pytest.approx(0.3, rel=0.02)  # its error is 1 % at most, as above
 
 
 def test_no_radius_of_the_viewer_is_determined_in_light_that_is_everywhere_the_same():
@@ -207,8 +208,8 @@ def test_no_radius_of_the_viewer_is_determined_in_light_that_is_everywhere_the_s
 @pytest.mark.parametrize("kind", ["metal", "glossy"])
 def test_the_viewers_roughness_of_its_own_picture_is_found(light, kind):
     """The picture is the 49 taps' own: the least difference is none, and Brent's method ends within 1e-4."""
-    truth = replace(TRUTHS[kind], roughness=float64(0.35))
+    truth = TRUTHS[kind].with_width(Blur(float64(0.35)))
     observed = problem_of(truth, surface_of(32), light, PRESETS["viewer"]).observed
-    found = viewer_roughness(observed, surroundings(light), replace(truth, roughness=float64(0.1)))
+    found = viewer_roughness(observed, surroundings(light), truth.with_width(Microfacet(float64(0.1))))
     assert found.rho == pytest.approx(0.35, abs=2e-3)  # the picture's table interpolates between levels of ρ
     assert 0 < found.stderr < 0.01

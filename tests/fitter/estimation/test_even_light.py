@@ -26,6 +26,7 @@ from fit_material.fitter.pipeline.fit_materials import fit_parts
 from fit_material.renderer.light_tables import light_table
 from fit_material.renderer.light_tables.light_table import LightTable
 from fit_material.shaders.materials.types import Glossy, Metal
+from fit_material.shaders.materials.widths import Microfacet
 from tests.support.modelled import Modelled, written
 from tests.support.paths import ROOT, SOURCE
 from tests.support.soft_scene import soft_light
@@ -38,8 +39,8 @@ def float64(*values: float) -> torch.Tensor:
 def material(kind: str, alpha: float) -> Metal | Glossy:
     roughness = torch.tensor(alpha, dtype=torch.float64)
     if kind == "metal":
-        return Metal(float64(2.87, 2.95, 2.68), float64(3.36, 2.93, 2.82), roughness)
-    return Glossy(float64(0.6, 0.3, 0.1), float64(0.05, 0.05, 0.05), roughness)
+        return Metal(float64(2.87, 2.95, 2.68), float64(3.36, 2.93, 2.82), Microfacet(roughness))
+    return Glossy(float64(0.6, 0.3, 0.1), float64(0.05, 0.05, 0.05), Microfacet(roughness))
 
 
 def scene(folder: Path, kind: str, alpha: float, contrast: float = 0.0, seed: int = 0) -> Path:
@@ -117,7 +118,7 @@ def test_no_small_roughness_is_determined_by_other_seeds_and_roundings(tmp_path,
 def test_a_roughness_that_only_a_look_at_all_of_them_shows_is_found(tmp_path):
     """Under soft light the search ends at the least roughness, where its table shows nothing but noise; from there on
     no slope leads to 0.03."""
-    gold = Metal(float64(0.2, 0.9, 1.3), float64(3.4, 2.6, 1.9), torch.tensor(0.03, dtype=torch.float64))
+    gold = Metal(float64(0.2, 0.9, 1.3), float64(3.4, 2.6, 1.9), Microfacet(torch.tensor(0.03, dtype=torch.float64)))
     path = written(Modelled({"ball": gold}, soft_light(), azimuths=(0, 120), size=24), tmp_path)
     part = fitted(path, "metal")
     found = part.material

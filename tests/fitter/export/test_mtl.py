@@ -7,7 +7,7 @@ import trimesh.exchange.obj
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from fit_material.fitter.export.mtl import TYPE_CODES, Maps, ordinary_mtl, thesis_mtl
+from fit_material.fitter.export.mtl import Maps, ordinary_mtl, thesis_mtl, type_codes
 from fit_material.fitter.result.schema import FittedMaterial
 
 float32 = st.floats(width=32, allow_nan=False, allow_infinity=False)
@@ -84,7 +84,7 @@ def test_table_of_the_thesis_for_all_types():
 
 
 def test_codes_can_be_other_numbers():
-    text = thesis_mtl([metal()], codes={**TYPE_CODES, "metal": 8})
+    text = thesis_mtl([metal()], codes={**type_codes(), "metal": 8})
     assert read(text)["ball"]["Ns"] == ["8"]
 
 

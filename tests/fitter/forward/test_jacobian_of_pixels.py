@@ -18,6 +18,7 @@ from fit_material.renderer.rays.gbuffer import GBuffer
 from fit_material.renderer.synthesis.camera_placement import views
 from fit_material.renderer.synthesis.studio import studio
 from fit_material.shaders.materials.types import Metal
+from fit_material.shaders.materials.widths import Microfacet
 from tests.bench.mitsuba_inverse import Pictures
 
 N, K, ALPHA = (0.146, 0.425, 1.431), (3.578, 2.326, 1.85), 0.2
@@ -51,7 +52,7 @@ def model_of(surface: GBuffer, samples: int) -> PixelModel:
 
 
 def radiance(model: PixelModel, numbers: torch.Tensor) -> torch.Tensor:
-    return model.radiance(Metal(numbers[:3], numbers[3:6], numbers[6]))
+    return model.radiance(Metal(numbers[:3], numbers[3:6], Microfacet(numbers[6])))
 
 
 def test_it_is_that_of_central_differences(covered):

@@ -17,8 +17,10 @@ from fit_material.renderer.geometry.mesh import Sphere
 from fit_material.renderer.rays import gbuffer
 from fit_material.renderer.rays.gbuffer import GBuffer
 from fit_material.shaders.lights import DirectionalLight
+from fit_material.shaders.materials.kinds import KINDS
 from fit_material.shaders.materials.lobes import Diffuse
-from fit_material.shaders.materials.types import TYPES, Glossy, Material, Matte, Metal, made_of, material_type
+from fit_material.shaders.materials.types import TYPES, Glossy, Material, Matte, Metal, made_of
+from fit_material.shaders.materials.widths import Microfacet
 from fit_material.shaders.optics import rough_plastic
 from tests.support.quadrature import masking
 
@@ -32,8 +34,8 @@ def float64(*values: float) -> torch.Tensor:
 
 LIGHT = DirectionalLight(float64(0.0, 0.6, 0.8), float64(1.0, 2.0, 3.0))
 MATERIALS = {
-    "metal": Metal(float64(*N), float64(*K), float64(ALPHA)),
-    "glossy": Glossy(float64(*COLOR), torch.full((3,), F0).double(), float64(ALPHA)),
+    "metal": Metal(float64(*N), float64(*K), Microfacet(float64(ALPHA))),
+    "glossy": Glossy(float64(*COLOR), torch.full((3,), F0).double(), Microfacet(float64(ALPHA))),
     "matte": Matte(float64(*COLOR), float64(0.9, 0.8, 1.0)),
 }
 
@@ -115,22 +117,22 @@ def test_a_glossy_material_is_surface_and_body(surface):
 
 @pytest.mark.parametrize("name", MATERIALS)
 def test_lobes_are_what_the_type_says_of_them(name):
-    material, of_type = MATERIALS[name], material_type(name)
+    material, of_type = MATERIALS[name], KINDS[name]
     for lobes in (
         material.microfacet_lobes("ggx", type(material).exact_reflectance),
         material.thesis_lobes(type(material).viewer_reflectance),
     ):
         assert any(isinstance(lobe, Diffuse) for lobe in lobes) == of_type.has_body
         assert any(not isinstance(lobe, Diffuse) for lobe in lobes) == of_type.mirrors
-    assert (material.roughness is not None, material.color is not None) == (of_type.mirrors, of_type.has_body)
+    assert (material.width is not None, material.color is not None) == (of_type.mirrors, of_type.has_body)
     assert (material.f0 is not None) == of_type.mirrors
 
 
 def test_types_are_found_by_name():
-    assert {each.type: each for each in TYPES} == {name: material_type(name) for name in MATERIALS}
+    assert TYPES.keys() == KINDS.keys() == MATERIALS.keys()
     for name, material in MATERIALS.items():
-        made = made_of(name, lambda quantity, of=material: getattr(of, quantity))
+        made = made_of(name, lambda quantity, of=material: getattr(of, quantity.name), lambda of=material: of.width)
         assert type(made) is type(material)
         assert vars(made) == vars(material)
     with pytest.raises(KeyError):
-        material_type("glass")
+        KINDS["glass"]

@@ -21,6 +21,7 @@ from fit_material.renderer.images.textures import Texture, lookup, texel_weights
 from fit_material.renderer.rays.gbuffer import equal_weight_nodes
 from fit_material.renderer.rays.uv_atlas import Unwrapped, filled, unwrapped
 from fit_material.shaders.materials.types import Glossy, Matte
+from fit_material.shaders.materials.widths import Microfacet
 from tests.support.textured import ball, pattern, seen_at
 
 RANDOM = torch.Generator().manual_seed(0)
@@ -48,7 +49,7 @@ def random(*shape: int) -> torch.Tensor:
 
 def of_color(kind: str, color: torch.Tensor) -> Glossy | Matte:
     one = torch.ones(3, dtype=torch.float64)
-    return Glossy(color, 0.04 * one, one[0]) if kind == "glossy" else Matte(color, one)
+    return Glossy(color, 0.04 * one, Microfacet(one[0])) if kind == "glossy" else Matte(color, one)
 
 
 @pytest.mark.parametrize("kind", ["glossy", "matte"])

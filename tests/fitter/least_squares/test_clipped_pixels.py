@@ -19,7 +19,8 @@ from fit_material.fitter.least_squares.noise import even_whitening, local_whiten
 from fit_material.fitter.least_squares.reduced_residuals import solved
 from fit_material.fitter.least_squares.residuals import LIFTED, Residuals
 from fit_material.fitter.least_squares.solvers import SOLVERS
-from fit_material.fitter.materials.coordinates import Interval, MetalCoordinates
+from fit_material.fitter.materials.coordinates import WidthInterval
+from fit_material.fitter.materials.metal import MetalCoordinates
 from fit_material.fitter.observations.photograph import Photograph, read_photograph
 from fit_material.fitter.observations.pixel_selection import BOUNDS, choose_pixels
 from fit_material.fitter.options.fidelity import PRESETS, preset
@@ -142,7 +143,7 @@ def residuals() -> Residuals:
     bounded = torch.arange(len(seen)) % 3 == 0
     seen[bounded] *= 0.5
     seen[:120:3] *= 2.2
-    coordinates = MetalCoordinates(Interval(*SPAN, logarithmic=True))
+    coordinates = MetalCoordinates(WidthInterval(*SPAN, logarithmic=True))
     return Residuals(model, coordinates, seen, even_whitening(1 / shown, NOISE), bounded=bounded)
 
 

@@ -17,6 +17,7 @@ from fit_material.fitter.least_squares.covariance import (
     standard_errors,
     unbiased,
 )
+from fit_material.shaders.materials.quantities import QUANTITIES
 
 pytestmark = pytest.mark.fits
 
@@ -260,4 +261,4 @@ def test_intervals_follow_a_curved_quantity_and_stay_in_its_domain():
     ],
 )
 def test_verdicts(parameter, value, interval, determined):
-    assert is_determined(parameter, value, interval) is determined
+    assert is_determined(QUANTITIES[parameter].resolved, value, interval) is determined

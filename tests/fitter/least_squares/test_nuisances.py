@@ -18,11 +18,13 @@ from fit_material.fitter.least_squares.noise import even_whitening
 from fit_material.fitter.least_squares.nuisances import EXPOSURE_WIDTH, Gains, Nuisances, Unknown
 from fit_material.fitter.least_squares.reduced_residuals import condensed
 from fit_material.fitter.least_squares.residuals import Residuals
-from fit_material.fitter.materials.coordinates import Interval, MetalCoordinates
+from fit_material.fitter.materials.coordinates import WidthInterval
+from fit_material.fitter.materials.metal import MetalCoordinates
 from fit_material.fitter.options.fidelity import PRESETS, preset
 from fit_material.fitter.uncertainty.estimates import measured
 from fit_material.renderer.light_tables.light_table import LightTable
 from fit_material.renderer.synthesis.studio import studio
+from fit_material.shaders.materials.quantities import COLOR, F0
 from tests.fitter.estimation.test_coarse_to_fine import TRUTHS, gold, problem_of, surface_of
 
 ALL = (Unknown("exposure"), Unknown("white_balance", channel=0), Unknown("white_balance", channel=2))
@@ -77,7 +79,7 @@ def two_photographs(model, seen: torch.Tensor) -> Residuals:
     place = (torch.arange(len(seen)) > len(seen) // 3).long()
     unknowns = (*EACH, Unknown("white_balance", channel=2))
     gains = Gains(Nuisances.before(unknowns, 2), place)
-    coordinates = MetalCoordinates(Interval(0.15, 0.4, logarithmic=True))
+    coordinates = MetalCoordinates(WidthInterval(0.15, 0.4, logarithmic=True))
     return Residuals(model, coordinates, seen, even_whitening(1 / seen, 0.01), gains)
 
 
@@ -147,7 +149,7 @@ def test_exposures_that_went_in_come_out(kind):
         assert record.stderr < 0.0051 * factor
         assert record.determined
         assert record.by_surroundings
-    key = "f0" if kind == "metal" else "color"
+    key = F0 if kind == "metal" else COLOR
     truth = TRUTHS["metal"].f0 if kind == "metal" else TRUTHS["glossy"].color
     for number, true in zip(measured(fit, error, key), truth.tolist(), strict=True):
         assert number.stderr is not None
@@ -160,7 +162,7 @@ def test_a_matte_objects_colour_is_not_known_without_its_exposure():
     interval of each holds what the prior allows."""
     factors = [[0.2] * 3]
     fit, error = exposed("matte", (Unknown("exposure"),), factors, known=None)
-    numbers = measured(fit, error, "color")
+    numbers = measured(fit, error, COLOR)
     truth = TRUTHS["matte"].color.tolist()
     assert numbers[1].value / numbers[0].value == pytest.approx(truth[1] / truth[0], rel=0.01)
     for number, true in zip(numbers, truth, strict=True):
@@ -202,8 +204,8 @@ def test_an_environment_that_is_turned_is_found_where_it_is(kind):
     assert abs(found.records[0].value - 14.0) < 5 * found.records[0].stderr
     assert found.records[0].stderr < 0.5
     torch.testing.assert_close(found.factors, torch.ones(1, 3).double())
-    key = "f0" if kind == "metal" else "color"
-    for number, true in zip(measured(fit, error, key), getattr(truth, key).tolist(), strict=True):
+    key = F0 if kind == "metal" else COLOR
+    for number, true in zip(measured(fit, error, key), getattr(truth, key.name).tolist(), strict=True):
         assert number.stderr is not None
         assert abs(number.value - true) < 5 * number.stderr
         assert number.stderr < 0.02

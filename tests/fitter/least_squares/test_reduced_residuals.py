@@ -14,7 +14,8 @@ from fit_material.fitter.least_squares.noise import even_whitening
 from fit_material.fitter.least_squares.reduced_residuals import condensed, solved
 from fit_material.fitter.least_squares.residuals import ROBUST_AT, Residuals
 from fit_material.fitter.least_squares.solvers import SOLVERS, Solution
-from fit_material.fitter.materials.coordinates import Interval, MetalCoordinates
+from fit_material.fitter.materials.coordinates import WidthInterval
+from fit_material.fitter.materials.metal import MetalCoordinates
 from fit_material.fitter.options.fidelity import PRESETS
 from fit_material.renderer.path_tracing.differentiable_scene import Radiance
 from fit_material.renderer.synthesis.studio import studio
@@ -39,7 +40,7 @@ def residuals(request) -> Residuals:
     noise = torch.randn(picture.shape, generator=torch.Generator().manual_seed(1), dtype=torch.float64)
     seen = picture * (1 + 0.01 * noise)
     seen[7] *= 1.5
-    coordinates = MetalCoordinates(Interval(*SPAN, logarithmic=True))
+    coordinates = MetalCoordinates(WidthInterval(*SPAN, logarithmic=True))
     return Residuals(model, coordinates, seen, even_whitening(1 / picture, 0.01))
 
 
@@ -130,5 +131,5 @@ def test_other_starts_have_the_same_f0_and_roughness(residuals):
     assert len(others) >= 3
     for metal in others:
         torch.testing.assert_close(metal.f0, gold(0.25).f0)
-        assert float(metal.roughness) == pytest.approx(0.25)
+        assert float(metal.width.value) == pytest.approx(0.25)
         assert (metal.n - gold(0.25).n).abs().max() > 0.02

@@ -20,16 +20,14 @@ from fit_material.fitter.forward.pixel_model import (
 )
 from fit_material.fitter.least_squares.noise import even_whitening, relative_weight
 from fit_material.fitter.least_squares.residuals import ROBUST_AT, Residuals, huber
-from fit_material.fitter.materials.coordinates import (
-    TINT_WIDTH,
-    GlossyCoordinates,
-    Interval,
-    MatteCoordinates,
-    MetalCoordinates,
-)
+from fit_material.fitter.materials.coordinates import WidthInterval
+from fit_material.fitter.materials.glossy import GlossyCoordinates
+from fit_material.fitter.materials.matte import MatteCoordinates
+from fit_material.fitter.materials.metal import TINT_WIDTH, MetalCoordinates
 from fit_material.renderer.light_sampling.fresnel_basis import BEND
 from fit_material.renderer.light_tables.light_table import LightTable
 from fit_material.shaders.lights import DirectionalLight
+from fit_material.shaders.materials.widths import Blur
 from fit_material.shaders.optics import fresnel
 from fit_material.shaders.shade import Points
 
@@ -79,7 +77,7 @@ def test_the_robust_whitening_has_the_losss_slope():
     torch.testing.assert_close(torch.einsum("prx,pr->x", jacobian, left), slope)
 
 
-SPAN = Interval(0.1, 0.8, logarithmic=True)
+SPAN = WidthInterval(0.1, 0.8, logarithmic=True)
 METAL = MetalCoordinates(SPAN)
 X = [1.0, 0.3, 2.0, -0.5, 0.1, -1.0, 0.4]
 
@@ -99,7 +97,9 @@ def viewer_pixels() -> ViewerPixels:
     normal, view = (torch.nn.functional.normalize(random(5, 3, seed=seed), dim=-1) for seed in (1, 2))
     source = DirectionalLight(float64([0.0, 0.6, 0.8]), float64([2.0, 1.0, 0.5]))
     light = BlurredByTable(None, None, random(9, 3) / 9, (source,))
-    return ViewerPixels(Points(normal, view), light).under(LightTable(random(2, 4, 5, 1, 3).float(), 0.1, 0.8, "log"))
+    return ViewerPixels(Points(normal, view), light).under(
+        LightTable(random(2, 4, 5, 1, 3).float(), 0.1, 0.8, "log", Blur)
+    )
 
 
 def test_the_residual_vector_is_what_it_says():
@@ -111,7 +111,7 @@ def test_the_residual_vector_is_what_it_says():
     residuals = Residuals(model, METAL, photograph, whitening)
 
     node = -np.cos(np.pi * np.arange(4) / 3)
-    log_alpha = 2 * math.log(metal.roughness.item() / 0.1) / math.log(8) - 1
+    log_alpha = 2 * math.log(metal.width.value.item() / 0.1) / math.log(8) - 1
     level = [np.prod([(log_alpha - b) / (a - b) for b in node if b != a]) for a in node]
     position = (1 - np.cos(np.pi * np.arange(6) / 5)) / 2
     cos_d = BEND * position / (1 + BEND - position)

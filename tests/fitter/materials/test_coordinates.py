@@ -7,13 +7,15 @@ import torch
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from fit_material.fitter.materials.coordinates import Interval, MetalCoordinates
+from fit_material.fitter.materials.coordinates import WidthInterval
+from fit_material.fitter.materials.metal import MetalCoordinates
 from fit_material.renderer.materials.catalogue import read_catalogue
 from fit_material.shaders.materials.types import Metal
+from fit_material.shaders.materials.widths import Microfacet
 from fit_material.shaders.optics import fresnel
 
 EPS = 2.0**-52
-LOGARITHMIC, LINEAR = Interval(0.02, 1.0, logarithmic=True), Interval(0.0, 0.8, logarithmic=False)
+LOGARITHMIC, LINEAR = WidthInterval(0.02, 1.0, logarithmic=True), WidthInterval(0.0, 0.8, logarithmic=False)
 
 
 def float64(value) -> torch.Tensor:
@@ -21,7 +23,7 @@ def float64(value) -> torch.Tensor:
 
 
 def metal(n, k, roughness: float = 0.3) -> Metal:
-    return Metal(float64(n), float64(k), float64(roughness))
+    return Metal(float64(n), float64(k), Microfacet(float64(roughness)))
 
 
 def thrice(low: float, high: float):
@@ -39,7 +41,7 @@ def test_every_metal_comes_back(roughness, n, k, rough):
     torch.testing.assert_close(found.n, given_metal.n, rtol=1e-10, atol=0)
     torch.testing.assert_close(found.k, given_metal.k, rtol=1e-8, atol=0)
     torch.testing.assert_close(found.f0, given_metal.f0, rtol=0, atol=1e-12)
-    torch.testing.assert_close(found.roughness, given_metal.roughness, rtol=1e-12, atol=0)
+    torch.testing.assert_close(found.width.value, given_metal.width.value, rtol=1e-12, atol=0)
 
 
 @pytest.mark.parametrize("entry", read_catalogue(), ids=lambda entry: entry.name)
@@ -60,7 +62,7 @@ def test_every_free_vector_is_a_metal_with_derivatives(x):
 
     def quantities(free: torch.Tensor) -> torch.Tensor:
         found = coordinates.material(free)
-        return torch.cat([found.n, found.k, found.f0, found.roughness[None]])
+        return torch.cat([found.n, found.k, found.f0, found.width.value[None]])
 
     n, k, f0, roughness = quantities(float64(x)).split([3, 3, 3, 1])
     assert ((n > 0) & n.isfinite()).all()
@@ -81,7 +83,7 @@ def test_what_the_docstring_prints(reflectivity, tint, rough):
         assert found.f0[channel].item() == pytest.approx(f0, abs=1e-12)
         assert found.n[channel].item() == pytest.approx(limit ** math.tanh(tint[channel]), rel=1e-11)
     share = 1 / (1 + math.exp(-rough))
-    assert found.roughness.item() == pytest.approx(0.02 ** (1 - share), rel=1e-12)
+    assert found.width.value.item() == pytest.approx(0.02 ** (1 - share), rel=1e-12)
 
 
 @given(thrice(-4, 6), thrice(-2.5, 2.5), st.floats(-4, 4))
@@ -90,7 +92,7 @@ def test_derivatives_meet_finite_differences(reflectivity, tint, rough):
 
     def quantities(free: torch.Tensor) -> torch.Tensor:
         found = coordinates.material(free)
-        return torch.cat([found.n, found.k, found.roughness[None]]).log()
+        return torch.cat([found.n, found.k, found.width.value[None]]).log()
 
     # n and k span decades: of their logarithms, with m up to 1600, gradcheck's relative 1e-3 is ample
     assert torch.autograd.gradcheck(quantities, float64([*reflectivity, *tint, rough]).requires_grad_())

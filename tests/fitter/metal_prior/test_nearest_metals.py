@@ -8,13 +8,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from fit_material.fitter.least_squares.covariance import Spread
-from fit_material.fitter.materials.coordinates import Interval, MetalCoordinates
+from fit_material.fitter.materials.coordinates import WidthInterval
+from fit_material.fitter.materials.metal import MetalCoordinates
 from fit_material.fitter.metal_prior.nearest_metals import nearest_metals
 from fit_material.renderer.materials.catalogue import metal, read_catalogue
 from fit_material.shaders.materials.types import Metal
+from fit_material.shaders.materials.widths import Microfacet
 from fit_material.shaders.optics import fresnel
 
-RANGE = Interval(0.02, 1.0, logarithmic=True)
+RANGE = WidthInterval(0.02, 1.0, logarithmic=True)
 EXACT = MetalCoordinates(RANGE)
 names = st.sampled_from([each.name for each in read_catalogue()])
 
@@ -22,7 +24,7 @@ names = st.sampled_from([each.name for each in read_catalogue()])
 def free(name: str) -> torch.Tensor:
     known = metal(name)
     n, k, alpha = (torch.tensor(v, dtype=torch.float64) for v in (known.n, known.k, 0.2))
-    return EXACT.free(Metal(n, k, alpha))
+    return EXACT.free(Metal(n, k, Microfacet(alpha)))
 
 
 def spread_of(sigma: float, size: int = 7) -> Spread:

@@ -16,7 +16,8 @@ from fit_material.fitter.estimation.viewer_roughness import ViewerRoughness
 from fit_material.fitter.fitted.determinability import seen_by
 from fit_material.fitter.fitted.summary import describe, fitted_material
 from fit_material.fitter.least_squares.covariance import Spread, spread
-from fit_material.fitter.materials.coordinates import TINT_WIDTH, Interval, MetalCoordinates
+from fit_material.fitter.materials.coordinates import WidthInterval
+from fit_material.fitter.materials.metal import TINT_WIDTH, MetalCoordinates
 from fit_material.fitter.metal_prior.borrowed import Borrowed, TooFar
 from fit_material.fitter.metal_prior.catalogue_distribution import published_covariance, shape_of
 from fit_material.fitter.metal_prior.likelihood import InPictures, InReflectance, likelihood
@@ -27,10 +28,11 @@ from fit_material.fitter.uncertainty.estimates import Measured
 from fit_material.renderer.materials.catalogue import Metal, metal, read_catalogue
 from fit_material.renderer.synthesis.studio import studio
 from fit_material.shaders.materials import types as shading
+from fit_material.shaders.materials.widths import Microfacet
 from fit_material.shaders.optics import fresnel
 from tests.fitter.estimation.test_coarse_to_fine import problem_of, surface_of
 
-RANGE = Interval(0.02, 1.0, logarithmic=True)
+RANGE = WidthInterval(0.02, 1.0, logarithmic=True)
 EXACT, VIEWERS = MetalCoordinates(RANGE), MetalCoordinates(RANGE, torch.zeros(3, dtype=torch.float64))
 WIDE = 1.4  # of a tint that nothing determines: nearly `TINT_WIDTH`, which the fit holds
 
@@ -191,7 +193,7 @@ def light():
 
 def gold_of(roughness: float, f0_of: str = "Au") -> shading.Metal:
     known = metal(f0_of)
-    return shading.Metal(float64(known.n), float64(known.k), float64(roughness))
+    return shading.Metal(float64(known.n), float64(known.k), Microfacet(float64(roughness)))
 
 
 @pytest.mark.parametrize("name", ["Ag", "Fe"])

@@ -10,15 +10,16 @@ import torch
 from hypothesis import given
 from hypothesis import strategies as st
 
+from fit_material.fitter.materials.registry import FITTABLE
 from fit_material.fitter.next_view.fisher_information import VAGUE, Told, covariance, foreseen_noise, told_by
-from fit_material.fitter.next_view.view_evaluation import COORDINATES
+from fit_material.fitter.next_view.view_evaluation import WIDTH
 from fit_material.fitter.observations.view_sampling import ANGLE_BINS, View, sampled_views
 from fit_material.renderer.geometry.mesh import Sphere
 from fit_material.renderer.rays import gbuffer
 from fit_material.renderer.rays.gbuffer import GBuffer
 from tests.fitter.observations.test_pixel_selection import photograph
 
-MATTE, METAL = COORDINATES["matte"], COORDINATES["metal"]
+MATTE, METAL = FITTABLE["matte"].foreseen(WIDTH), FITTABLE["metal"].foreseen(WIDTH)
 SEEDS = st.integers(0, 2**31)
 
 

@@ -17,6 +17,7 @@ from fit_material.fitter.options.fit_options import FitOptions
 from fit_material.fitter.pipeline.fit_scene import fit_scene
 from fit_material.fitter.result.schema import FittedMaterial, Result
 from fit_material.shaders.materials.types import Matte, Metal
+from fit_material.shaders.materials.widths import Microfacet
 from tests.support.modelled import Modelled, written
 from tests.support.soft_scene import soft_light
 
@@ -33,7 +34,7 @@ def float64(*values: float) -> torch.Tensor:
     return torch.tensor(values, dtype=torch.float64)
 
 
-GOLD = Metal(float64(0.146, 0.425, 1.431), float64(3.578, 2.326, 1.85), torch.tensor(0.25).double())
+GOLD = Metal(float64(0.146, 0.425, 1.431), float64(3.578, 2.326, 1.85), Microfacet(torch.tensor(0.25).double()))
 BALL = Modelled({"ball": GOLD}, soft_light(16), azimuths=(0.0, 100.0), size=14, noise=0.01)
 SLICES = replace(
     BALL,

@@ -20,6 +20,7 @@ from fit_material.fitter.options.fit_options import FitOptions
 from fit_material.fitter.pipeline.fit_scene import fit_scene
 from fit_material.renderer.errors.input_error import InputError
 from fit_material.shaders.materials.types import Glossy, Matte, Metal
+from fit_material.shaders.materials.widths import Microfacet
 from tests.support.modelled import Modelled, written
 
 FEWEST = replace(
@@ -39,13 +40,16 @@ def float64(values: Any) -> torch.Tensor:
 
 
 metals = st.builds(
-    lambda n, k, alpha: Metal(float64(n), float64(k), float64(alpha)),
+    lambda n, k, alpha: Metal(float64(n), float64(k), Microfacet(float64(alpha))),
     st.tuples(*[st.floats(0.05, 5)] * 3),
     st.tuples(*[st.floats(0, 8)] * 3),
     widths,
 )
 glossies = st.builds(
-    lambda color, f, alpha: Glossy(float64(color), float64(f).clamp_max(0.2), float64(alpha)), threes, threes, widths
+    lambda color, f, alpha: Glossy(float64(color), float64(f).clamp_max(0.2), Microfacet(float64(alpha))),
+    threes,
+    threes,
+    widths,
 )
 mattes = st.builds(lambda color: Matte(float64(color), float64((1.0, 1.0, 1.0))), threes)
 scenes = st.builds(

@@ -17,10 +17,12 @@ from fit_material.renderer.environment.environment import Environment
 from fit_material.renderer.geometry.mesh import Sphere
 from fit_material.renderer.rays import gbuffer
 from fit_material.shaders.materials.types import Matte, Metal
+from fit_material.shaders.materials.widths import Microfacet
 from tests.support.soft_scene import soft_light
 
 SIZE, PIXELS, ANGLE = 40, 200, 0.05
-GOLD = Metal(*(torch.tensor(each, dtype=torch.float64) for each in ([0.15, 0.43, 1.4], [3.6, 2.3, 1.9], 0.3)))
+N, K, ALPHA = (torch.tensor(each, dtype=torch.float64) for each in ([0.15, 0.43, 1.4], [3.6, 2.3, 1.9], 0.3))
+GOLD = Metal(N, K, Microfacet(ALPHA))
 CLAY = Matte(*(torch.tensor(each, dtype=torch.float64) for each in ([0.5, 0.3, 0.2], [0.9] * 3)))
 
 

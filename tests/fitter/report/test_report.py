@@ -9,7 +9,8 @@ import pytest
 import torch
 
 from fit_material.fitter.least_squares.covariance import Spread
-from fit_material.fitter.materials.coordinates import Interval, MetalCoordinates
+from fit_material.fitter.materials.coordinates import WidthInterval
+from fit_material.fitter.materials.metal import MetalCoordinates
 from fit_material.fitter.report.outlier_map import OutlierMap
 from fit_material.fitter.report.pictures import LONGEST_SIDE, comparison_png, tiles
 from fit_material.fitter.report.reflectance_curve import Curve, reflectance_curve
@@ -18,6 +19,7 @@ from fit_material.fitter.result.schema import Determined, FittedMaterial, FromPr
 from fit_material.renderer.materials.catalogue import metal
 from fit_material.shaders.materials.fresnel_models import exact_reflectance, viewer_reflectance
 from fit_material.shaders.materials.types import Metal
+from fit_material.shaders.materials.widths import Microfacet
 from fit_material.shaders.optics import fresnel
 from tests.fitter.result.test_schema import gold, result
 
@@ -159,12 +161,13 @@ def test_comparison_is_one_png():
     assert picture.shape == (24 + 4 + 30, 3 * 32 + 2 * 4, 4)
 
 
-COORDINATES = MetalCoordinates(Interval(0.1, 0.4, logarithmic=True))
+COORDINATES = MetalCoordinates(WidthInterval(0.1, 0.4, logarithmic=True))
 
 
 def metal_of(name, roughness=0.2) -> Metal:
     known = metal(name)
-    return Metal(*(torch.tensor(each, dtype=torch.float64) for each in (known.n, known.k, roughness)))
+    n, k, alpha = (torch.tensor(each, dtype=torch.float64) for each in (known.n, known.k, roughness))
+    return Metal(n, k, Microfacet(alpha))
 
 
 def some_covariance(size, scale) -> torch.Tensor:

@@ -29,7 +29,7 @@ from fit_material.renderer.errors.input_error import InputError
 from fit_material.renderer.geometry.mesh import Mesh
 from fit_material.renderer.images.image_file import read_image, write_exr
 from fit_material.renderer.images.textures import Texture, read_texture
-from fit_material.renderer.mitsuba.conversion import diffuse, plastic
+from fit_material.renderer.materials.bsdf import diffuse, plastic
 from fit_material.renderer.rays import gbuffer
 from fit_material.renderer.rays.normal_mapping import with_relief
 from fit_material.renderer.viewer_model.model import read_model

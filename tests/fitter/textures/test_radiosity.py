@@ -21,12 +21,14 @@ from fit_material.fitter.textures.radiosity import Looking, Radiosity, Transfer,
 from fit_material.renderer.environment.environment import Environment
 from fit_material.renderer.images.textures import read_texture
 from fit_material.renderer.light_tables.irradiance_table import even_table
-from fit_material.renderer.mitsuba.conversion import diffuse, mitsuba, plastic
+from fit_material.renderer.materials.bsdf import diffuse, plastic
+from fit_material.renderer.mitsuba.conversion import mitsuba
 from fit_material.renderer.rays import gbuffer
 from fit_material.renderer.rays.gbuffer import GBuffer
 from fit_material.renderer.rays.occlusion import Occluder
 from fit_material.shaders.lights import DirectionalLight
 from fit_material.shaders.materials.types import Glossy, Matte, Metal
+from fit_material.shaders.materials.widths import Microfacet
 from fit_material.shaders.optics import fresnel
 from tests.support import bowl as golden
 from tests.support.textured import pattern, photograph_textured, ring, seen_at
@@ -116,7 +118,9 @@ def test_what_is_known_at_places_is_known_at_them_and_between():
 
 @pytest.mark.parametrize(("f0", "alpha", "color"), [(0.04, 0.1, 0.8), (0.04, 0.5, 0.3), (0.1, 0.2, 1), (0.02, 0.3, 0)])
 def test_albedo_of_plastic_is_that_of_mitsuba(f0, alpha, color):
-    material = Glossy(*(torch.full((3,), each, dtype=torch.float64) for each in (color, f0)), torch.tensor(alpha))
+    material = Glossy(
+        *(torch.full((3,), each, dtype=torch.float64) for each in (color, f0)), Microfacet(torch.tensor(alpha))
+    )
     # Its table of T is 4e-4 too high, twice; weights scatter by 0.08 (by f0 without a body) over 20000 draws.
     np.testing.assert_allclose(material.albedo("ggx"), mitsuba_albedo(f0, alpha, color), atol=0.003)
 
@@ -139,7 +143,7 @@ def test_albedo_of_matte_is_its_colour_at_every_place():
 
 def test_albedo_of_gold_is_about_its_mean_reflectance():
     n, k = (torch.tensor(each, dtype=torch.float64) for each in (golden.N, golden.K))
-    metal = Metal(n, k, torch.tensor(0.01, dtype=torch.float64))
+    metal = Metal(n, k, Microfacet(torch.tensor(0.01, dtype=torch.float64)))
     cosine = ((torch.arange(4096, dtype=torch.float64) + 0.5) / 4096)[:, None]
     mean = (2 * cosine * fresnel.conductor(cosine, n, k)).mean(0)
     # Schlick's curve is F0 + (1 - F0)/21 in the mean; a conductor's own dips before it rises

@@ -15,6 +15,7 @@ from fit_material.fitter.options.fidelity import PRESETS, preset
 from fit_material.fitter.uncertainty.correlation import correlation
 from fit_material.renderer.synthesis.studio import studio
 from fit_material.shaders.materials.types import Glossy
+from fit_material.shaders.materials.widths import Microfacet
 from tests.fitter.estimation.test_coarse_to_fine import float64, gold, problem_of, surface_of
 
 DRAWS = 20_000
@@ -24,7 +25,11 @@ DRAWS = 20_000
 def test_coefficients_are_those_of_drawn_materials(kind):
     """Free vectors about the one found, a thousandth of its errors wide so that nothing is bent; of `DRAWS` normal
     vectors a coefficient is known to 1/√DRAWS."""
-    truth = gold(0.2) if kind == "metal" else Glossy(float64((0.6, 0.2, 0.05)), float64((0.05,) * 3), float64(0.2))
+    truth = (
+        gold(0.2)
+        if kind == "metal"
+        else Glossy(float64((0.6, 0.2, 0.05)), float64((0.05,) * 3), Microfacet(float64(0.2)))
+    )
     fit = fit_material(problem_of(truth, surface_of(24, 2), studio(128), preset("preview"), samples=1024), kind)
     uncertainty, coordinates = spread(fit.residuals, fit.x), fit.residuals.coordinates
     found = fitted_material("ball", fit, uncertainty, ViewerRoughness(0.3, 0.01), ()).correlation
@@ -56,4 +61,4 @@ _ORDER = {
 
 def _numbers(kind: str, material) -> torch.Tensor:
     triples = (material.n, material.k, material.f0) if kind == "metal" else (material.color, material.reflectance)
-    return torch.cat([*triples, material.roughness[None]])
+    return torch.cat([*triples, material.width.value[None]])

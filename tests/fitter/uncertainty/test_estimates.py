@@ -19,7 +19,8 @@ from fit_material.fitter.least_squares.covariance import TWO_SIDED_95
 from fit_material.fitter.least_squares.jacobian import jacobian
 from fit_material.fitter.least_squares.residuals import Residuals
 from fit_material.fitter.least_squares.solvers import Solution
-from fit_material.fitter.materials.coordinates import Coordinates, MatteCoordinates
+from fit_material.fitter.materials.coordinates import Coordinates
+from fit_material.fitter.materials.matte import MatteCoordinates
 from fit_material.fitter.observations.scene_data import load
 from fit_material.fitter.options.fidelity import PRESETS
 from fit_material.fitter.options.fit_options import FitOptions

@@ -15,9 +15,11 @@ from hypothesis import strategies as st
 from scipy.optimize import least_squares
 
 from fit_material.fitter.least_squares.covariance import TWO_SIDED_95, Spread, intervals95
-from fit_material.fitter.materials.coordinates import Interval, MetalCoordinates
+from fit_material.fitter.materials.coordinates import WidthInterval
+from fit_material.fitter.materials.metal import MetalCoordinates
 from fit_material.fitter.uncertainty.profile_likelihood import intervals, profiled
 from fit_material.shaders.materials.types import Metal
+from fit_material.shaders.materials.widths import Microfacet
 from fit_material.shaders.optics import fresnel
 
 PRECISION = torch.tensor([[3.0, 0.5], [0.2, 0.4], [-1.0, 0.3]], dtype=torch.float64)  # A: rows of a small problem
@@ -130,8 +132,8 @@ def test_a_metal_seen_from_nearby_angles_has_the_ends_of_a_grid(n, k):
     """Reflectance to 1 % from 0° to 60°, which leaves n and k of a channel on a bent valley; k turns round where n = 1.
     Channels know nothing of each other: the first one's region is looked for on a grid of F0 and tint, in steps
     of 0.0002 and 0.007."""
-    coordinates = MetalCoordinates(Interval(0.1, 0.4))
-    metal = Metal(float64(n, n, n), float64(k, k, k), float64(0.2)[0])
+    coordinates = MetalCoordinates(WidthInterval(0.1, 0.4))
+    metal = Metal(float64(n, n, n), float64(k, k, k), Microfacet(float64(0.2)[0]))
     x, cos_d = coordinates.free(metal), torch.linspace(0.5, 1, 6, dtype=torch.float64)
     seen = fresnel.conductor(cos_d[:, None], metal.n, metal.k)
 

@@ -16,8 +16,8 @@ from fit_material.renderer.geometry.mesh import Sphere
 from fit_material.renderer.images.image_file import read_image, write_exr
 from fit_material.renderer.light_probe.mirror_ball import Circle, find_ball
 from fit_material.renderer.light_probe.probe import probe
+from fit_material.renderer.materials.bsdf import conductor
 from fit_material.renderer.materials.catalogue import metal
-from fit_material.renderer.mitsuba.conversion import conductor
 from fit_material.renderer.path_tracing.path_tracer import render
 from tests.renderer.photographs.test_exposure import exif, srgb_codes
 

@@ -16,7 +16,8 @@ from fit_material.renderer.geometry.mesh import Sphere
 from fit_material.renderer.light_kernel.table import fused_available
 from fit_material.renderer.light_sampling import fresnel_basis
 from fit_material.renderer.light_tables import light_table
-from fit_material.renderer.mitsuba.conversion import conductor, envmap, mitsuba, mitsuba_shape, sensor
+from fit_material.renderer.materials.bsdf import conductor
+from fit_material.renderer.mitsuba.conversion import envmap, mitsuba, mitsuba_shape, sensor
 from fit_material.renderer.rays.gbuffer import GBuffer, pixel_footprints, tracer
 from fit_material.shaders.optics import blur, fresnel
 from tests.support.quadrature import albedo

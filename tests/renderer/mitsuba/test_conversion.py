@@ -12,7 +12,8 @@ from fit_material.renderer.cameras.camera import Camera, look_at
 from fit_material.renderer.environment.environment import Environment
 from fit_material.renderer.errors.input_error import InputError
 from fit_material.renderer.geometry.mesh import Mesh, Sphere
-from fit_material.renderer.mitsuba.conversion import conductor, envmap, mitsuba, mitsuba_shape, sensor, variant_here
+from fit_material.renderer.materials.bsdf import conductor
+from fit_material.renderer.mitsuba.conversion import envmap, mitsuba, mitsuba_shape, sensor, variant_here
 
 pytestmark = pytest.mark.dr_jit
 

@@ -24,6 +24,7 @@ from fit_material.renderer.synthesis.studio import studio
 from fit_material.renderer.viewer_model.model import Model
 from fit_material.renderer.viewer_model.viewer_light import Surroundings, surroundings
 from fit_material.shaders.materials.types import Glossy, Matte, Metal
+from fit_material.shaders.materials.widths import Blur
 from tests.support import parity
 from tests.support.parity import numbers
 
@@ -86,7 +87,7 @@ def test_lambertian_and_metal_under_constant_light(gl):
     """Seen straight from the front a matte surface sends out colour · L · F, and a metal L · F0."""
     light = constant_light(0.5, 1.0, 2.0)
     matte = Matte(numbers(0.2, 0.5, 0.9), numbers(1.0, 0.5, 0.25))
-    metal = Metal(*parity.GOLD, numbers(0.3))
+    metal = Metal(*parity.GOLD, Blur(numbers(0.3)))
     for material, share in ((matte, matte.color * matte.reflectance), (metal, metal.f0)):
         drawn = render(Model(square(), (Appearance(material),)), Camera(FRONT, 3, 3, fov=1.0), light, antialias=1)
         expected = (share * numbers(0.5, 1.0, 2.0)).numpy()
@@ -105,7 +106,7 @@ def test_a_facet_without_normals_faces_where_its_corners_say(gl):
 def test_back_sides_are_drawn_and_mirror_as_if_at_the_edge(gl):
     """n·v is 0 there, where every metal reflects all."""
     light = constant_light(0.5, 1.0, 2.0)
-    metal = Appearance(Metal(*parity.GOLD, numbers(0.0)))
+    metal = Appearance(Metal(*parity.GOLD, Blur(numbers(0.0))))
     drawn = render(Model(square(normal=-1.0), (metal,)), Camera(FRONT, 3, 3, fov=1.0), light, antialias=1)
     np.testing.assert_allclose(drawn[1, 1], [0.5, 1.0, 2.0, 1.0], rtol=8 * EPS)
 
@@ -201,7 +202,7 @@ def test_missing_libraries_are_one_sentence(monkeypatch):
 @pytest.mark.parametrize("roughness", [0.0, 1e-7, 0.5, 30.0])
 def test_any_roughness_is_finite(roughness, gl):
     light = replace(surroundings(studio(64), size=64), sources=(parity.LIGHT,))
-    glossy = Glossy(numbers(1.0, 0.0, 0.5), numbers(1.0, 0.0, 0.5), numbers(roughness))
+    glossy = Glossy(numbers(1.0, 0.0, 0.5), numbers(1.0, 0.0, 0.5), Blur(numbers(roughness)))
     drawn = render(torus_of(glossy), Camera(TILTED, 32, 32, fov=45.0), light, antialias=1)
     assert np.isfinite(drawn).all()
 

@@ -14,7 +14,8 @@ from fit_material.fitter.options.fidelity import PRESETS
 from fit_material.renderer.geometry.mesh import Sphere
 from fit_material.renderer.light_kernel.table import fused_available
 from fit_material.renderer.light_tables import light_table
-from fit_material.renderer.mitsuba.conversion import Bsdf, conductor, diffuse, variant_here
+from fit_material.renderer.materials.bsdf import Bsdf, conductor, diffuse
+from fit_material.renderer.mitsuba.conversion import variant_here
 from fit_material.renderer.path_tracing.path_tracer import passes
 from fit_material.renderer.rays import gbuffer
 from fit_material.renderer.rays.gbuffer import GBuffer
@@ -22,6 +23,7 @@ from fit_material.renderer.rays.occlusion import Occluder, is_convex, occluder
 from fit_material.shaders.effects import NAMES
 from fit_material.shaders.lights import DirectionalLight
 from fit_material.shaders.materials.types import Material, Matte, Metal
+from fit_material.shaders.materials.widths import Microfacet
 from tests.renderer.rays.test_self_visibility import ball, balls
 from tests.support import bowl as golden
 
@@ -92,7 +94,7 @@ def test_a_table_with_rays_has_the_direct_light_of_mitsuba(alpha):
     The model's share: 36 traced rays of 72 tell where rays start, which moves the edge of what is hidden by a tenth of
     a pixel: 0.5 % of all light, thrice that in a pixel.
     """
-    metal = Metal(tensor(golden.N), tensor(golden.K), tensor(alpha))
+    metal = Metal(tensor(golden.N), tensor(golden.K), Microfacet(tensor(alpha)))
     expected = of_mitsuba(conductor(golden.N, golden.K, alpha))
     assert_alike(ours(metal), expected, 0.005)
     surface, _ = inside()
@@ -103,7 +105,7 @@ def test_a_table_with_rays_has_the_direct_light_of_mitsuba(alpha):
 @pytest.mark.parametrize("effect", sorted(NAMES))
 def test_a_light_table_differs_by_the_effects_that_are_said_to_change_it(effect):
     """Plans make one table for all others."""
-    metal, surface = Metal(tensor(golden.N), tensor(golden.K), tensor(0.3)), inside()[0][:16]
+    metal, surface = Metal(tensor(golden.N), tensor(golden.K), Microfacet(tensor(0.3))), inside()[0][:16]
     setting = Setting(golden.light(), (LAMP,), PRESETS["standard"], occluder=occluder(golden.bowl()))
     found, without = (setting.simulating(effects).table_of(metal, surface, 64) for effects in (NAMES, NAMES - {effect}))
     same = found.light.shape == without.light.shape and torch.equal(found.light, without.light)
@@ -184,7 +186,7 @@ def test_no_ray_is_cast_where_nothing_is_hidden(monkeypatch):
     hides = Occluder.of(golden.bowl())
     counted = replace(hides, cast=lambda *rays: (calls.append(len(rays[0])), hides.cast(*rays))[1], compiled=None)
     setting = Setting(golden.light(), (LAMP,), PRESETS["preview"], occluder=counted)
-    metal = Metal(tensor(golden.N), tensor(golden.K), tensor(0.2))
+    metal = Metal(tensor(golden.N), tensor(golden.K), Microfacet(tensor(0.2)))
     without = setting.simulating(setting.effects - {"self-visibility", "ambient-occlusion"})
     without.radiance(metal, surface, 16)
     without.radiance(Matte(tensor(WHITE), tensor(WHITE)), surface, 16)

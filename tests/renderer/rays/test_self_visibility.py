@@ -14,8 +14,8 @@ from torch import Tensor
 from fit_material.renderer.cameras.camera import Camera, look_at
 from fit_material.renderer.environment.environment import Environment
 from fit_material.renderer.geometry.mesh import Mesh, Shape, Sphere
+from fit_material.renderer.materials.bsdf import conductor
 from fit_material.renderer.materials.catalogue import metal
-from fit_material.renderer.mitsuba.conversion import conductor
 from fit_material.renderer.path_tracing.path_tracer import render
 from fit_material.renderer.rays import gbuffer, self_visibility
 from fit_material.renderer.rays.gbuffer import GBuffer, Tracer

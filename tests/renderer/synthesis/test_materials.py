@@ -19,8 +19,9 @@ from fit_material.renderer.environment.environment import Environment
 from fit_material.renderer.errors.input_error import InputError
 from fit_material.renderer.geometry.mesh import Mesh, Sphere, read_mesh
 from fit_material.renderer.images.image_file import read_image
+from fit_material.renderer.materials.bsdf import diffuse, plastic
 from fit_material.renderer.materials.ground_truth import TrueGlossy, TrueMatte, TrueMetal
-from fit_material.renderer.mitsuba.conversion import bsdf_of, diffuse, mitsuba, plastic
+from fit_material.renderer.mitsuba.conversion import bsdf_of, mitsuba
 from fit_material.renderer.path_tracing.path_tracer import render
 from fit_material.renderer.scene.lights import directional_light
 from fit_material.renderer.scene.scene_file import LightSpec, read_scene, read_shape

@@ -15,8 +15,9 @@ from fit_material.renderer.environment.environment_file import read_environment
 from fit_material.renderer.errors.input_error import InputError
 from fit_material.renderer.geometry.mesh import Mesh, Sphere
 from fit_material.renderer.images.image_file import read_image, write_exr
+from fit_material.renderer.materials.bsdf import conductor
 from fit_material.renderer.materials.ground_truth import TrueMetal
-from fit_material.renderer.mitsuba.conversion import conductor, mitsuba, variant_here
+from fit_material.renderer.mitsuba.conversion import mitsuba, variant_here
 from fit_material.renderer.path_tracing.path_tracer import render
 from fit_material.renderer.scene.scene_file import camera_of, read_scene, read_shape
 from fit_material.renderer.synthesis.camera_placement import views

@@ -19,6 +19,7 @@ from fit_material.renderer.viewer_model.model import Appearance, Model
 from fit_material.renderer.viewer_model.shading import far_light, illuminations, near_light, reflective_parts, render
 from fit_material.renderer.viewer_model.viewer_light import Surroundings
 from fit_material.shaders.materials.types import Glossy, Matte, Metal
+from fit_material.shaders.materials.widths import Blur
 from fit_material.shaders.optics import diffuse, fresnel
 from fit_material.shaders.shade import Light
 
@@ -31,8 +32,8 @@ def rgb(*values: float) -> torch.Tensor:
 
 
 MATTE = Appearance(Matte(rgb(0.2, 0.5, 0.9), rgb(1.0)))
-GLOSSY = Appearance(Glossy(rgb(0.3), rgb(0.04), torch.tensor(0.2)))
-GOLD = Appearance(Metal(rgb(0.146, 0.425, 1.431), rgb(3.578, 2.326, 1.85), torch.tensor(0.0)))
+GLOSSY = Appearance(Glossy(rgb(0.3), rgb(0.04), Blur(torch.tensor(0.2))))
+GOLD = Appearance(Metal(rgb(0.146, 0.425, 1.431), rgb(3.578, 2.326, 1.85), Blur(torch.tensor(0.0))))
 ONE = torch.ones(3)
 
 

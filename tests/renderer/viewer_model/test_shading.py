@@ -20,6 +20,7 @@ from fit_material.renderer.viewer_model.model import Appearance, Maps, Model
 from fit_material.renderer.viewer_model.shading import applicable, render, render_shape, shade_surface
 from fit_material.renderer.viewer_model.viewer_light import Surroundings, surroundings
 from fit_material.shaders.materials.types import Glossy, Matte, Metal
+from fit_material.shaders.materials.widths import Blur
 from fit_material.shaders.optics import diffuse
 
 GOLD = (0.146, 0.425, 1.431), (3.578, 2.326, 1.85)
@@ -41,7 +42,7 @@ def sky(towards: torch.Tensor) -> torch.Tensor:
 
 
 def metal(rho: float = 0.0, dtype=torch.float64) -> Appearance:
-    return Appearance(Metal(*(tensor(*values, dtype=dtype) for values in GOLD), torch.tensor(rho, dtype=dtype)))
+    return Appearance(Metal(*(tensor(*values, dtype=dtype) for values in GOLD), Blur(torch.tensor(rho, dtype=dtype))))
 
 
 def matte(*color: float, maps: Maps | None = None) -> Appearance:
@@ -173,7 +174,7 @@ def test_every_face_is_of_its_material():
 
 def test_pieces_and_shapes_make_no_difference(monkeypatch):
     mesh, _ = painted()
-    glossy = Appearance(Glossy(tensor(0.9, 0.1, 0.2), tensor(0.1, 0.1, 0.1), tensor(0.3)[0]))
+    glossy = Appearance(Glossy(tensor(0.9, 0.1, 0.2), tensor(0.1, 0.1, 0.1), Blur(tensor(0.3)[0])))
     appearances = (metal(0.2), glossy, matte(0.2, 0.1, 0.7))
     light = [shading.far_light(surroundings(Environment(sky(directions(16, 32)).float()), size=16))]
     surface = gbuffer.pixel_centres(gbuffer.tracer(mesh), view())
@@ -202,7 +203,7 @@ def test_a_pictures_derivatives_meet_finite_differences(kind):
     made = Metal if kind == "metal" else Glossy
 
     def shown(x: torch.Tensor) -> torch.Tensor:
-        return shade_surface(surface, [Appearance(made(x[:3], x[3:6], x[6]))], light)
+        return shade_surface(surface, [Appearance(made(x[:3], x[3:6], Blur(x[6])))], light)
 
     found = torch.func.jacrev(shown)(low)
     step = 1e-2
