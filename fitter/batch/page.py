@@ -8,9 +8,8 @@ from urllib.parse import quote
 from fit_material.fitter.batch.summary import WORDS, Scene, Summary, json_text, sentence
 from fit_material.fitter.batch.table import OPEN, lines, shown_of
 from fit_material.fitter.html.templates import page_templates
+from fit_material.fitter.result.formatting import HEADLINE
 from fit_material.renderer.files.atomic import replaced_together, write_text_atomically
-
-PARAMETERS = ("f0", "n", "k", "color", "alpha")
 
 
 def write_summary(summary: Summary, out: Path) -> None:
@@ -32,7 +31,7 @@ def render_summary(summary: Summary) -> str:
     return page.get_template("batch.html").render(
         summary=summary,
         told=sentence(summary),
-        shown=shown_of(summary, PARAMETERS),
+        shown=shown_of(summary, HEADLINE),
         words=WORDS,
         open=OPEN,
         command=summary.command,

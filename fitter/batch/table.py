@@ -13,8 +13,9 @@ from rich.text import Text
 from fit_material.fitter.batch.summary import WORDS, Scene, Summary, sentence
 from fit_material.fitter.result.formatting import WIDTH, decimals
 from fit_material.fitter.result.schema import FittedMaterial
+from fit_material.shaders.materials.quantities import ALPHA, COLOR, F0
 
-COLUMNS = ("f0", "color", "alpha")
+COLUMNS = tuple(quantity.name for quantity in (F0, COLOR, ALPHA))
 OPEN = "A question mark: the photographs do not determine the number."
 
 

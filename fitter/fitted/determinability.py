@@ -12,9 +12,10 @@ from fit_material.fitter.least_squares.noise import darkest
 from fit_material.fitter.materials.coordinates import Coordinates
 from fit_material.fitter.metal_prior.borrowed import Borrowed, TooFar
 from fit_material.fitter.observations.pixel_selection import Observations
+from fit_material.fitter.result.formatting import HEADLINE
 from fit_material.fitter.result.schema import CHANNELS, FittedMaterial
+from fit_material.shaders.materials.quantities import ALPHA, INDEX
 
-PARAMETERS = ("f0", "n", "k", "color", "alpha")
 GRAZING = 60.0  # degrees: from there on metals of equal F0 differ
 STEEP = 75.0  # degrees: photographs that reach no further hold little of that difference
 FEW = 30  # pixels: scatter and angles of fewer say little
@@ -69,7 +70,7 @@ def sees_f0_only(coordinates: Coordinates) -> bool:
 def verdicts(material: FittedMaterial, seen: Seen) -> list[str]:
     """A sentence for each reason why numbers are not determined: "k of red lies anywhere in 2.9…5.1: no pixel …"."""
     by_reason: dict[str, list[str]] = {}
-    for key in PARAMETERS:
+    for key in HEADLINE:
         for channel, interval in _open(material, key):
             name = f"{key} of {CHANNELS[channel]}" if channel is not None else key
             reason, span = _reason(key, channel, material, seen), _range(interval) if interval else "its domain"
@@ -98,7 +99,7 @@ def _grouped(n: tuple[bool, ...], k: tuple[bool, ...]) -> dict[str, list[str]]:
     """Channels by which of their two numbers are marked."""
     groups: dict[str, list[str]] = {}
     for channel, marks in zip(CHANNELS, zip(n, k, strict=True), strict=True):
-        keys = " and ".join(key for key, mark in zip(("n", "k"), marks, strict=True) if mark)
+        keys = " and ".join(key for key, mark in zip(INDEX, marks, strict=True) if mark)
         if keys:
             groups.setdefault(keys, []).append(channel)
     return groups
@@ -107,7 +108,7 @@ def _grouped(n: tuple[bool, ...], k: tuple[bool, ...]) -> dict[str, list[str]]:
 def _open(material: FittedMaterial, key: str) -> list[tuple[int | None, tuple[float, float] | None]]:
     """Channels in which a number is not determined, None where it has none, with the photographs' own interval."""
     known = getattr(material.determined, key)
-    own = material.from_prior.photographs95 if material.from_prior and key in ("n", "k") else material.interval95
+    own = material.from_prior.photographs95 if material.from_prior and key in INDEX else material.interval95
     intervals = getattr(own, key)
     if isinstance(known, tuple):
         return [(i, intervals[i] if intervals else None) for i, each in enumerate(known) if each is False]
@@ -116,11 +117,11 @@ def _open(material: FittedMaterial, key: str) -> list[tuple[int | None, tuple[fl
 
 def _reason(key: str, channel: int | None, material: FittedMaterial, seen: Seen) -> str:
     """The first that applies."""
-    if key in ("n", "k") and channel is not None and (seen.f0_only or not seen.guessed):
+    if key in INDEX and channel is not None and (seen.f0_only or not seen.guessed):
         return _reason_of_index(channel, material, seen)
-    if key != "alpha" and seen.guessed:
+    if key != ALPHA.name and seen.guessed:
         return f"{_listed(list(seen.guessed))} not known, the object may as well reflect more or less light"
-    if key == "alpha" and seen.alike:
+    if key == ALPHA.name and seen.alike:
         return "in this light the picture changes with it by no more than its own error"
     if seen.pixels < FEW:
         return f"only {seen.pixels} pixels show it"

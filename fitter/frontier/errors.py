@@ -10,14 +10,15 @@ from pathlib import Path
 from pydantic import ConfigDict
 
 from fit_material.fitter.frontier.runs import Run
-from fit_material.fitter.result.schema import FittedMaterial
+from fit_material.fitter.result.schema import FittedMaterial, KnownType
 from fit_material.renderer.errors.input_error import InputError
 from fit_material.renderer.files.regular_files import read_text
 from fit_material.renderer.files.validation import Checked, check
 from fit_material.shaders.materials.kinds import MaterialType
+from fit_material.shaders.materials.quantities import ALPHA, COLOR, F0, QUANTITIES, ROUGHNESS, K, N
 
 TRUTH = "truth.json"
-NUMBERS = ("n", "k", "f0", "alpha", "color")
+NUMBERS = tuple(quantity.name for quantity in (N, K, F0, ALPHA, COLOR))
 Triple = tuple[float, float, float]
 Values = Sequence[float | None]
 
@@ -34,7 +35,7 @@ class Reference(Checked):
     model_config = ConfigDict(extra="ignore", strict=False)
 
     name: str
-    type: MaterialType
+    type: KnownType
     n: Triple | None = None
     k: Triple | None = None
     f0: Triple | None = None
@@ -124,13 +125,13 @@ def errors(run: Run, references: Sequence[Reference]) -> dict[str, float | None]
 
 
 def _error(key: str, found: FittedMaterial, right: Reference) -> float | None:
-    if key == "alpha" and right.alpha is None:
-        key = "roughness"
+    if key == ALPHA.name and right.alpha is None:
+        key = ROUGHNESS.name
     values, wanted = (_channels(getattr(each, key)) for each in (found, right))
     if None in (*values, *wanted):
         return None
     largest = max(abs(value) for value in wanted) or 1.0  # type: ignore[type-var, arg-type] — no None among them
-    scales = [largest if key in ("f0", "color") else abs(value) or largest for value in wanted]  # type: ignore[arg-type]
+    scales = [largest if QUANTITIES[key] in (F0, COLOR) else abs(value) or largest for value in wanted]  # type: ignore[arg-type]
     pairs = zip(values, wanted, scales, strict=True)
     return max(abs(value - true) / scale for value, true, scale in pairs)  # type: ignore[operator]
 

@@ -17,6 +17,7 @@ from fit_material.fitter.options.fit_options import Prior
 from fit_material.fitter.result.schema import FromPrior
 from fit_material.fitter.uncertainty.estimates import Measured
 from fit_material.renderer.materials.catalogue import read_catalogue
+from fit_material.shaders.materials.quantities import INDEX, K, N
 
 Numbers = Mapping[str, Sequence[Measured]]
 Verdicts = Mapping[str, Sequence[bool]]
@@ -73,10 +74,10 @@ def from_prior(borrowed: Borrowed, found: Numbers, known: Verdicts) -> FromPrior
     Returns:
         None where the photographs determine all.
     """
-    marks = {key: [_is_taken(borrowed, found, known, key, channel) for channel in range(3)] for key in ("n", "k")}
-    if not any(marks["n"] + marks["k"]):
+    marks = {key: [_is_taken(borrowed, found, known, key, channel) for channel in range(3)] for key in INDEX}
+    if not any(marks[N.name] + marks[K.name]):
         return None
-    own = {key: [each.interval for each in found[key]] for key in ("n", "k")}
+    own = {key: [each.interval for each in found[key]] for key in INDEX}
     metals = [{"name": name, "share": share} for name, share in borrowed.metals]
     return FromPrior.model_validate({**marks, "metals": metals, "photographs95": own})
 
@@ -84,7 +85,7 @@ def from_prior(borrowed: Borrowed, found: Numbers, known: Verdicts) -> FromPrior
 def with_prior(borrowed: Borrowed, found: Numbers, known: Verdicts) -> dict[str, list[Measured]]:
     """n and k, those of known metals in the channels that are open; what is determined keeps its own error there."""
     numbers: dict[str, list[Measured]] = {}
-    for key in ("n", "k"):
+    for key in INDEX:
         numbers[key] = list(found[key])
         for channel, new in enumerate(getattr(borrowed, key)):
             if _is_open(known, channel):
@@ -102,4 +103,4 @@ def _is_taken(borrowed: Borrowed, found: Numbers, known: Verdicts, key: str, cha
 
 def _is_open(known: Verdicts, channel: int) -> bool:
     """Whether n or k of a channel is not determined: then both are one pair at its F0, and go together."""
-    return not (known["n"][channel] and known["k"][channel])
+    return not (known[N.name][channel] and known[K.name][channel])

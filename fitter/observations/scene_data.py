@@ -23,7 +23,7 @@ from fit_material.renderer.rays.gbuffer import Tracer
 from fit_material.renderer.rays.normal_mapping import with_relief
 from fit_material.renderer.scene.input_paths import beside_photographs, input_paths
 from fit_material.renderer.scene.scene_file import PhotographSpec, Scene, read_scene, read_shape
-from fit_material.shaders.materials.kinds import MaterialType
+from fit_material.shaders.materials.kinds import KINDS, MaterialType
 
 
 @dataclass(frozen=True)
@@ -61,8 +61,8 @@ class Loaded:
     def kind(self, material: str, wanted: str) -> MaterialType | None:
         """The type to fit a material with: the scene file's word, else the one that is wanted; None for "auto"."""
         told = [spec.type for spec in self.scene.materials if spec.name == material and spec.type != "auto"]
-        kinds: dict[str, MaterialType | None] = {"metal": "metal", "glossy": "glossy", "matte": "matte"}
-        return kinds.get(told[0] if told else wanted)
+        name = told[0] if told else wanted
+        return name if name in KINDS else None
 
 
 def load(scene_file: Path) -> Loaded:

@@ -29,18 +29,9 @@ from fit_material.fitter.result.schema import FittedMaterial, FromPrior, PerPara
 from fit_material.renderer.images.image_file import png
 from fit_material.renderer.materials.catalogue import Metal, read_catalogue
 from fit_material.shaders.materials.kinds import KINDS
+from fit_material.shaders.materials.quantities import QUANTITIES
 
 __all__ = ["ViewPictures", "comparison_png", "render_report"]
-
-PARAMETERS = {
-    "n": "refractive index",
-    "k": "extinction coefficient",
-    "f0": "reflectance from the front",
-    "alpha": "microfacet width",
-    "roughness": "blur radius ρ of the viewer",
-    "color": "diffuse colour",
-    "reflectance": "reflectance",
-}
 
 NEAREST_SHOWN = 3
 
@@ -145,8 +136,8 @@ def _plot(curve: Curve, material: FittedMaterial, known: dict[str, Metal]) -> Ma
 
 
 def _rows(material: FittedMaterial) -> Iterator[Row]:
-    """The numbers that the material has, in the order of PARAMETERS."""
-    for parameter, meaning in PARAMETERS.items():
+    """The numbers that the material has, in the order of `QUANTITIES`."""
+    for parameter, quantity in QUANTITIES.items():
         value = getattr(material, parameter)
         if value is None:
             continue
@@ -156,7 +147,7 @@ def _rows(material: FittedMaterial) -> Iterator[Row]:
             name, color = CHANNELS[channel] if triple else ("", "")
             yield Row(
                 parameter if channel == 0 else "",
-                meaning if channel == 0 else "",
+                quantity.meaning if channel == 0 else "",
                 name,
                 color,
                 _with_error(number, error),

@@ -7,8 +7,12 @@ from math import floor, log10
 from typing import Any
 
 from fit_material.fitter.result.schema import CHANNELS, FittedMaterial
+from fit_material.shaders.materials.quantities import ALPHA, COLOR, F0, REFLECTANCE, ROUGHNESS, K, N
 
-PARAMETERS = ("n", "k", "color", "reflectance", "f0", "alpha", "roughness")
+PARAMETERS = tuple(each.name for each in (N, K, COLOR, REFLECTANCE, F0, ALPHA, ROUGHNESS))
+"""All quantities, in the order of comments and of the terminal."""
+HEADLINE = tuple(each.name for each in (F0, N, K, COLOR, ALPHA))
+"""Quantities that tables of many materials and sentences about one name, in their order."""
 
 
 def remarks(material: FittedMaterial) -> list[str]:

@@ -17,8 +17,8 @@ from fit_material.renderer.errors.input_error import InputError
 from fit_material.renderer.errors.printable import unicode_text
 from fit_material.renderer.files.atomic import write_text_atomically
 from fit_material.renderer.files.regular_files import read_text
-from fit_material.renderer.files.validation import Checked, check, require_plain, unexpected
-from fit_material.shaders.materials.kinds import MaterialType
+from fit_material.renderer.files.validation import Checked, check, one_of, require_plain, unexpected
+from fit_material.shaders.materials.kinds import KINDS, MaterialType
 
 FORMAT = 1
 CHANNELS = ("red", "green", "blue")
@@ -150,9 +150,13 @@ class Maps(Record):
     color_seen: PngBeside
 
 
+KnownType = Annotated[MaterialType, one_of(lambda: KINDS)]
+"""Name of a type of material."""
+
+
 class _Named(Record):
     name: str
-    type: MaterialType
+    type: KnownType
 
 
 class FittedMaterial(PerParameter[float], _Named):

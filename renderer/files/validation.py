@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import difflib
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import Annotated, Any, TypeVar
 
@@ -12,6 +12,7 @@ from pydantic import (
     AfterValidator,
     BaseModel,
     ConfigDict,
+    PlainValidator,
     Strict,
     ValidationError,
     ValidationInfo,
@@ -53,6 +54,18 @@ def unexpected(expected: str, **where: Any) -> PydanticCustomError:
     for key, value in where.items():  # pydantic takes UTF-8 alone
         where[key] = type(value)(printable(str(value))) if isinstance(value, str | Path) else value
     return PydanticCustomError("unexpected", "{expected}", {"expected": expected, **where})
+
+
+def one_of(names: Callable[[], Iterable[str]]) -> PlainValidator:
+    """A validator of text that is one of several names, which are looked up when it is called."""
+
+    def known(value: Any) -> str:
+        *others, last = names()
+        if not isinstance(value, str) or value not in (*others, last):
+            raise unexpected(f"{', '.join(map(repr, others))} or {last!r}")
+        return value
+
+    return PlainValidator(known)
 
 
 def check(model: type[Model], data: Any, file: Path) -> Model:

@@ -19,23 +19,24 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated
 
 from pydantic import Field, Strict
 
 from fit_material.renderer.errors.input_error import InputError
 from fit_material.renderer.files.toml import load_toml
-from fit_material.renderer.files.validation import Checked, Vector, check
+from fit_material.renderer.files.validation import Checked, Vector, check, one_of
 from fit_material.renderer.materials.bsdf import Distribution
-from fit_material.renderer.materials.ground_truth import ShadingModel, TrueMaterial, require_shadable
+from fit_material.renderer.materials.ground_truth import TRUE_TYPES, ShadingModel, TrueMaterial, require_shadable
 from fit_material.renderer.materials.material_arguments import shading_model, true_material
+from fit_material.shaders.materials.kinds import MaterialType
 
 
 class TrueMaterialSpec(Checked):
     """`[[materials]]`: the keys of `true_material`, by the mesh's material name."""
 
     name: str
-    type: Literal["metal", "glossy", "matte"]
+    type: Annotated[MaterialType, one_of(lambda: TRUE_TYPES)]
     metal: str | None = None
     n: Vector | None = None
     k: Vector | None = None

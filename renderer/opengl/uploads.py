@@ -15,8 +15,6 @@ from fit_material.renderer.images.textures import Texture
 from fit_material.renderer.opengl.targets import require_fitting
 from fit_material.renderer.viewer_model.model import Appearance, Maps
 from fit_material.renderer.viewer_model.viewer_light import Surroundings
-from fit_material.shaders.materials.quantities import ROUGHNESS
-from fit_material.shaders.materials.widths import rho_of
 
 
 def cubemap_texture(context: moderngl.Context, faces: Float[Tensor, "6 n n c"]) -> moderngl.TextureCube:
@@ -51,11 +49,7 @@ def map_textures(context: moderngl.Context, maps: Maps) -> dict[str, moderngl.Te
 
 def material_uniforms(appearance: Appearance) -> dict[str, Any]:
     """A material's numbers under their own names."""
-    material = appearance.material
-    numbers = {each.name: vars(material)[each.name] for each in material.kind.stored}
-    if material.width is not None:
-        numbers[ROUGHNESS.name] = rho_of(material.width)
-    return {name: number.detach().numpy() for name, number in numbers.items()}
+    return {name: number.detach().numpy() for name, number in appearance.material.numbers.items()}
 
 
 def light_uniforms(surroundings: Surroundings) -> dict[str, Any]:

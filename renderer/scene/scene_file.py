@@ -33,6 +33,7 @@ from fit_material.renderer.files.validation import (
     Vector,
     check,
     existing_path,
+    one_of,
     unexpected,
 )
 from fit_material.renderer.geometry.mesh import Shape, Sphere, read_mesh
@@ -50,6 +51,7 @@ from fit_material.renderer.scene.fittable_values import (
     white_balance_or_fit,
 )
 from fit_material.renderer.scene.lens_spec import LensSpec
+from fit_material.shaders.materials.kinds import KINDS, MaterialType
 
 
 class GeometrySpec(Checked):
@@ -209,7 +211,7 @@ class MaterialSpec(Checked):
     """`[[materials]]`: what to take for given, by the mesh's material name; maps are laid over texture coordinates."""
 
     name: PlainText
-    type: Literal["auto", "metal", "glossy", "matte"] = "auto"
+    type: Annotated[MaterialType, one_of(lambda: ("auto", *KINDS))] = "auto"
     normal_map: ExistingFile | None = None
     ambient_occlusion_map: ExistingFile | None = None
 

@@ -54,6 +54,12 @@ class AbstractMaterial(ABC):
         """Whether it has a diffuse lobe."""
         return self.kind.has_body
 
+    @property
+    def numbers(self) -> dict[str, Tensor]:
+        """All that makes it up, by the quantities' names: what is stored, and the width of its lobe."""
+        found = {each.name: getattr(self, each.name) for each in self.kind.stored}
+        return found if self.width is None else {**found, self.width.quantity.name: self.width.value}
+
     @staticmethod
     @abstractmethod
     def reflectance_formula(asked: str, microfacets: bool) -> str:

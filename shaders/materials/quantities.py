@@ -40,5 +40,8 @@ ROUGHNESS = Quantity("roughness", "ρ", "blur radius ρ of the viewer", 1, (0.0,
 COLOR = Quantity("color", "c", "diffuse colour", 3, (0.0, 1.0), (0.05, 0.02), "Kd")
 REFLECTANCE = Quantity("reflectance", "f", "reflectance", 3, (0.0, 1.0), (0.05, 0.005), "Ka")
 
+INDEX = (N.name, K.name)
+"""The complex refractive index, of which neither is known without the other."""
+
 QUANTITIES = {each.name: each for each in (N, K, F0, ALPHA, ROUGHNESS, COLOR, REFLECTANCE)}
 """All quantities by name, in the order of tables."""

@@ -154,7 +154,7 @@ def test_every_free_vector_is_a_material(x):
         MatteCoordinates(),
     ):
         material = coordinates.material(free[: coordinates.size])
-        assert all(value.isfinite().all() and (value >= 0).all() for value in vars(material).values())
+        assert all(value.isfinite().all() and (value >= 0).all() for value in material.numbers.values())
         assert coordinates.free(material).isfinite().all()
 
 

@@ -59,6 +59,11 @@ def materials(rho: float = 0.3) -> dict[str, Metal | Glossy | Matte]:
     }
 
 
+def made(kind: type[Metal | Glossy | Matte], numbers) -> Metal | Glossy | Matte:
+    """The material of these numbers, of which ρ is the last."""
+    return kind(*numbers) if kind is Matte else kind(*numbers[:-1], Blur(numbers[-1]))
+
+
 def written_out(material, normal, view, light: Light, openness=1.0, tint=(1.0, 1.0, 1.0)) -> list[float]:
     """MODEL.md 1, 3 and 4 for one point, channel by channel, in Python's own numbers."""
     dot = sum(a * b for a, b in zip(normal, view, strict=True))
@@ -216,7 +221,7 @@ def prepared(drawn, place, dtype):
     leaves = [torch.tensor(value, dtype=dtype).requires_grad_() for value in parameters]
     n, v = (unit(*vector).to(dtype)[None].requires_grad_() for vector in (normal, view))
     maps = [torch.tensor([[openness]], dtype=dtype), torch.tensor([tint], dtype=dtype)] if mapped else []
-    return kind(*leaves), Points(n, v, *maps), [*leaves, n, v]
+    return made(kind, leaves), Points(n, v, *maps), [*leaves, n, v]
 
 
 @pytest.mark.parametrize("dtype", DTYPES)
@@ -253,12 +258,12 @@ def test_nothing_is_ever_infinite_or_no_number(dtype, drawn, place, depth):
 def test_derivatives_meet_finite_differences(name, light, points):
     """By every parameter of the material, and by normal and view."""
     kind = type(materials()[name])
-    parameters = [value.clone().requires_grad_() for value in vars(materials()[name]).values()]
+    parameters = [value.clone().requires_grad_() for value in materials()[name].numbers.values()]
     geometry = [points.normal.clone().requires_grad_(), points.view.clone().requires_grad_()]
 
     def shown(*values):
         normal, view = values[-2:]
-        return shade(kind(*values[:-2]), dataclasses.replace(points, normal=normal, view=view), light)
+        return shade(made(kind, values[:-2]), dataclasses.replace(points, normal=normal, view=view), light)
 
     assert torch.autograd.gradcheck(shown, (*parameters, *geometry))
 
@@ -267,7 +272,7 @@ def test_derivatives_meet_finite_differences(name, light, points):
 def test_derivatives_of_a_mirror_meet_finite_differences(name):
     """At ρ = 0 the blur is even in ρ: its slope is 0 but for rounding."""
     kind, mirror = type(materials()[name]), materials(0.0)[name]
-    parameters = [value.clone().requires_grad_() for value in vars(mirror).values()]
-    assert torch.autograd.gradcheck(lambda *values: shade(kind(*values), POINTS, LIGHTS["sky"]), parameters)
-    (slope,) = torch.autograd.grad(shade(kind(*parameters), POINTS, LIGHTS["neighbours"]).sum(), parameters[-1])
+    parameters = [value.clone().requires_grad_() for value in mirror.numbers.values()]
+    assert torch.autograd.gradcheck(lambda *values: shade(made(kind, values), POINTS, LIGHTS["sky"]), parameters)
+    (slope,) = torch.autograd.grad(shade(made(kind, parameters), POINTS, LIGHTS["neighbours"]).sum(), parameters[-1])
     assert abs(slope) < 1e-12  # and a lamp, which a mirror does not show, adds none

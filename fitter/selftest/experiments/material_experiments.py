@@ -67,7 +67,7 @@ def corners(numbers: Numbers) -> str | None:
             x[3:] = corner[1]
             x.requires_grad_()
             material = coordinates.material(x)
-            told = [getattr(each, "value", each) for each in vars(material).values()]
+            told = list(material.numbers.values())
             slope = torch.autograd.grad(torch.stack([value.sum() for value in told]).sum(), x)[0]
             back = coordinates.free(material)
             if not all(each.isfinite().all() for each in (*told, slope, back)):

@@ -15,7 +15,7 @@ from fit_material.fitter.options.fidelity import PRESETS, preset
 from fit_material.fitter.uncertainty.correlation import correlation
 from fit_material.renderer.synthesis.studio import studio
 from fit_material.shaders.materials.types import Glossy
-from fit_material.shaders.materials.widths import Microfacet
+from fit_material.shaders.materials.widths import Blur, Microfacet
 from tests.fitter.estimation.test_coarse_to_fine import float64, gold, problem_of, surface_of
 
 DRAWS = 20_000
@@ -45,7 +45,7 @@ def test_coefficients_are_those_of_drawn_materials(kind):
 
 def test_numbers_without_errors_have_no_correlation():
     """The viewer's model sees F0 alone, so that n and k have no errors, and these are left out."""
-    fit = fit_material(problem_of(gold(0.3), surface_of(24), studio(64), PRESETS["viewer"]), "metal")
+    fit = fit_material(problem_of(gold(0.3, Blur), surface_of(24), studio(64), PRESETS["viewer"]), "metal")
     uncertainty = spread(fit.residuals, fit.x)
     found = fitted_material("ball", fit, uncertainty, None, ()).correlation
     assert {name.split()[0] for name in found.numbers} == {"f0", "roughness"}

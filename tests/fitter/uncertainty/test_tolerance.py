@@ -127,8 +127,10 @@ def test_a_climb_spends_more_where_more_is_asked_and_keeps_its_word(light):
         outlook = outlook_of(ascent.choice.fit, ascent.problem)
         assert float(outlook.movement.max()) == last.movement
         for name, movement in zip(outlook.names, outlook.movement.tolist(), strict=True):
-            key, _, channel = name.replace("alpha", "roughness").partition(" of ")
-            value, true = (getattr(each, key).reshape(-1)[CHANNELS.get(channel, 0)] for each in (found, truth))
+            key, _, channel = name.partition(" of ")
+            value, true = (
+                {"f0": each.f0, **each.numbers}[key].reshape(-1)[CHANNELS.get(channel, 0)] for each in (found, truth)
+            )
             assert abs(value / true - 1) < 2 * movement
         spent.append(last.pixels * last.samples)
         ascents.append(ascent)

@@ -37,7 +37,7 @@ def only(mtl):
 
 
 def numbers(material: Material) -> dict[str, list[float] | float]:
-    return {name: value.tolist() for name, value in vars(material).items()}
+    return {name: value.tolist() for name, value in material.numbers.items()}
 
 
 def float32(*values):
@@ -335,7 +335,7 @@ def test_every_material_file_at_hand_is_read_or_refused_in_one_sentence(shared_d
         count[dialect, "read"] += 1
         assert all("\n" not in remark for remark in library.remarks)
         for appearance in library.appearances.values():
-            assert all(torch.isfinite(value).all() for value in vars(appearance.material).values())
+            assert all(torch.isfinite(value).all() for value in appearance.material.numbers.values())
             count[dialect, appearance.material.type] += 1
     assert capfd.readouterr() == ("", "")
     with capfd.disabled():

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from fit_material.shaders.materials.types import Glossy, Matte, Metal, type_codes
-from fit_material.shaders.materials.widths import Microfacet
+from fit_material.shaders.materials.widths import Blur, Microfacet
 from fit_material.shaders.optics import fresnel
 
 
@@ -22,12 +22,13 @@ def test_type_codes_are_the_theses():
 
 
 def test_parameters_are_named_as_the_files_name_them():
-    named = {kind.type: [field.name for field in dataclasses.fields(kind)] for kind in (Metal, Glossy, Matte)}
+    named = {kind.name: [field.name for field in dataclasses.fields(kind)] for kind in (Metal, Glossy, Matte)}
     assert named == {
-        "metal": ["n", "k", "roughness"],
-        "glossy": ["color", "reflectance", "roughness"],
+        "metal": ["n", "k", "width"],
+        "glossy": ["color", "reflectance", "width"],
         "matte": ["color", "reflectance"],
     }
+    assert (Microfacet.quantity.name, Blur.quantity.name) == ("alpha", "roughness")
 
 
 @given(st.floats(1e-3, 50), st.floats(0, 50))
