@@ -146,7 +146,8 @@ def test_two_formats_with_different_contents_for_one_name_are_refused(tmp_path):
 
 
 def test_sentences_and_help_list_a_format_while_it_is_added(tmp_path):
-    usual = "thesis, mtl, gltf, materialx, mitsuba, blender"
+    usual = ", ".join(FORMATS)
+    assert usual.startswith("thesis, mtl, gltf, materialx, mitsuba, blender")
 
     def listed() -> str:
         with pytest.raises(InputError) as refused:
