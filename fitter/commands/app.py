@@ -12,7 +12,6 @@ import sys
 import threading
 from collections.abc import Callable
 from contextlib import suppress
-from pathlib import Path
 from types import FrameType
 from typing import Annotated, Any, NoReturn
 
@@ -20,12 +19,12 @@ import typer
 from typer.exceptions import TyperException
 
 from fit_material.fitter.command_line.address_space import require_address_space
-from fit_material.fitter.command_line.common_options import Out
 from fit_material.fitter.command_line.output import Unwritable, complain, flush, open_streams, say
 from fit_material.fitter.commands.advise import advise
 from fit_material.fitter.commands.batch import batch
 from fit_material.fitter.commands.check import check
 from fit_material.fitter.commands.doctor import doctor
+from fit_material.fitter.commands.export import ListingFormats, export
 from fit_material.fitter.commands.fit import DONE, NO_MATERIAL, demo, fit
 from fit_material.fitter.commands.frontier import frontier
 from fit_material.fitter.commands.plan import plan
@@ -65,6 +64,7 @@ for needing_torch in (view, probe):
     app.command()(prepared(needing_torch, require_address_space))
 for needing_dr_jit in (advise, frontier, plan, check, fit, batch, synth, demo, selftest):
     app.command()(prepared(needing_dr_jit, require_address_space, dr_jit.prepare))
+app.command(cls=ListingFormats)(export)
 
 
 def program() -> NoReturn:
@@ -182,30 +182,3 @@ def _options(
     ] = False,
 ) -> None:
     pass
-
-
-@app.command()
-def export(
-    result: Annotated[Path, typer.Argument(metavar="RESULT.json")],
-    out: Out,
-    to: Annotated[
-        str, typer.Option(help="Formats, separated by commas: thesis, mtl, gltf, materialx, mitsuba, blender.")
-    ] = "thesis,mtl",
-    replace: Annotated[
-        bool, typer.Option("--replace", help="Overwrite files of other content that have these names; never inputs.")
-    ] = False,
-) -> None:
-    """Write the materials of a result in other programs' formats."""
-    from fit_material.fitter.export.formats import export as write
-    from fit_material.fitter.result.schema import read_result
-
-    formats = [name.strip() for name in to.split(",")]
-    for path in write(read_result(result), formats, out, _stem(result), result, replace=replace):
-        say(path)
-
-
-def _stem(result: Path) -> str:
-    """What `fit` called the material's files beside the result, or the folder's name."""
-    folder, ending = result.resolve().parent, ".thesis.mtl"
-    names = [path.name.removesuffix(ending) for path in folder.glob(f"?*{ending}")]
-    return names[0] if len(names) == 1 else folder.name or "material"

@@ -2,15 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Sequence
 from xml.etree import ElementTree
 from xml.etree.ElementTree import Element, SubElement
 
-from fit_material.fitter.export.values import front_color, given, identifiers, index_and_tint, number, numbers
+from fit_material.fitter.export.values import (
+    front_color,
+    given,
+    identifiers,
+    index_and_tint,
+    number,
+    numbers,
+    scattering_type,
+)
 from fit_material.fitter.result.formatting import remarks
 from fit_material.fitter.result.schema import FittedMaterial
 from fit_material.renderer.errors.printable import printable
-from fit_material.shaders.materials.kinds import MaterialType
 
 BETWEEN = ", "
 
@@ -18,9 +25,9 @@ BETWEEN = ", "
 def materialx(materials: Sequence[FittedMaterial]) -> str:
     """The file's text: for each material a `surfacematerial` of its name, errors in its `doc`.
 
-        metal    conductor_bsdf: ior n, extinction k
-        glossy   dielectric_bsdf (ior and tint of the reflectance) over oren_nayar_diffuse_bsdf (color)
-        matte    oren_nayar_diffuse_bsdf of color · reflectance; its roughness 0 is Lambert's law
+        mirror without a body    conductor_bsdf: ior n, extinction k
+        body under a mirror      dielectric_bsdf (ior and tint of the reflectance) over the body
+        body                     oren_nayar_diffuse_bsdf of `front_color`; its roughness 0 is Lambert's law
 
     Both roughnesses of a BSDF are alpha, the microfacet width. Colours are linear Rec. 709.
 
@@ -58,31 +65,24 @@ class _Nodes:
 
 def _bsdf(graph: _Nodes, material: FittedMaterial) -> str:
     """The name of the node that scatters light as the material does."""
-    return _BSDFS[material.type](graph, material)
+    kind = scattering_type(material)
+    if not kind.has_body:
+        return _conductor(graph, material)
+    body = graph.add("oren_nayar_diffuse_bsdf", "BSDF", color=_color(front_color(material)))
+    return _coated(graph, material, body) if kind.mirrors else body
 
 
-def _metal(graph: _Nodes, material: FittedMaterial) -> str:
+def _conductor(graph: _Nodes, material: FittedMaterial) -> str:
     index = {"ior": _color(given(material, "n")), "extinction": _color(given(material, "k"))}
     return graph.add("conductor_bsdf", "BSDF", **index, roughness=_width(material))
 
 
-def _glossy(graph: _Nodes, material: FittedMaterial) -> str:
-    body = _matte(graph, material)
+def _coated(graph: _Nodes, material: FittedMaterial, body: str) -> str:
+    """The dielectric surface over the node of that name."""
     ior, tint = index_and_tint(given(material, "reflectance"))
     index = {"ior": ("float", number(ior)), "tint": _color(tint)}
     coat = graph.add("dielectric_bsdf", "BSDF", **index, roughness=_width(material))
     return graph.add("layer", "BSDF", top=("BSDF", coat), base=("BSDF", body))
-
-
-def _matte(graph: _Nodes, material: FittedMaterial) -> str:
-    return graph.add("oren_nayar_diffuse_bsdf", "BSDF", color=_color(front_color(material)))
-
-
-_BSDFS: Mapping[MaterialType, Callable[[_Nodes, FittedMaterial], str]] = {
-    "metal": _metal,
-    "glossy": _glossy,
-    "matte": _matte,
-}
 
 
 def _color(values: Sequence[float]) -> tuple[str, str]:

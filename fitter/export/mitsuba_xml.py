@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Sequence
 from xml.etree import ElementTree
 from xml.etree.ElementTree import Comment, Element, SubElement
 
@@ -14,11 +14,11 @@ from fit_material.fitter.export.values import (
     number,
     numbers,
     remark_line,
+    scattering_type,
 )
 from fit_material.fitter.result.formatting import remarks
 from fit_material.fitter.result.schema import FittedMaterial
 from fit_material.renderer.materials.bsdf import Bsdf, conductor, diffuse, plastic
-from fit_material.shaders.materials.kinds import MaterialType
 
 
 def mitsuba_xml(materials: Sequence[FittedMaterial]) -> str:
@@ -40,31 +40,17 @@ def mitsuba_xml(materials: Sequence[FittedMaterial]) -> str:
 
 
 def _bsdf(material: FittedMaterial) -> Bsdf:
-    return _BSDFS[material.type](material)
-
-
-def _metal(material: FittedMaterial) -> Bsdf:
+    """The conductor, the coated body or the diffuse body that the material is."""
+    kind = scattering_type(material)
+    if not kind.mirrors:
+        return diffuse(front_color(material))
     alpha = given(material, "alpha")
-    return conductor(given(material, "n"), given(material, "k"), alpha)
-
-
-def _glossy(material: FittedMaterial) -> Bsdf:
-    alpha = given(material, "alpha")
+    if not kind.has_body:
+        return conductor(given(material, "n"), given(material, "k"), alpha)
     reflectance = given(material, "reflectance")
     _, tint = index_and_tint(reflectance)
     surface = plastic(front_color(material), max(reflectance), alpha)
     return {**surface, "specular_reflectance": {"type": "rgb", "value": tint}}
-
-
-def _matte(material: FittedMaterial) -> Bsdf:
-    return diffuse(front_color(material))
-
-
-_BSDFS: Mapping[MaterialType, Callable[[FittedMaterial], Bsdf]] = {
-    "metal": _metal,
-    "glossy": _glossy,
-    "matte": _matte,
-}
 
 
 def _add(node: Element, key: str, value: object) -> None:

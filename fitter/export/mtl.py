@@ -11,14 +11,12 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from types import MappingProxyType
 
-from fit_material.fitter.export.values import front_color, given, number, numbers
+from fit_material.fitter.export.format import Export, Files
+from fit_material.fitter.export.values import front_color, given, number, numbers, scattering_type
 from fit_material.fitter.result.schema import FittedMaterial
+from fit_material.renderer.files.atomic import in_utf8
 from fit_material.renderer.materials.mtl_syntax import written_names
-from fit_material.shaders.materials.kinds import KINDS
-from fit_material.shaders.materials.types import type_codes
-
-ILLUM: Mapping[str, int] = MappingProxyType({"matte": 1, "glossy": 2, "metal": 3})
-"""The ordinary `illum`: diffuse, with highlight, with reflection."""
+from fit_material.shaders.materials.kinds import Kind, type_codes
 
 Lines = Iterator[str]
 
@@ -41,6 +39,21 @@ class Maps:
 NO_MAPS: Mapping[str, Maps] = MappingProxyType({})
 
 
+def thesis_files(export: Export) -> Files:
+    """`thesis_mtl` and the colour maps that it names."""
+    return {export.file: in_utf8(thesis_mtl(export.materials)), **_color_maps(export)}
+
+
+def ordinary_files(export: Export) -> Files:
+    """`ordinary_mtl` and the colour maps that it names."""
+    return {export.file: in_utf8(ordinary_mtl(export.materials)), **_color_maps(export)}
+
+
+def _color_maps(export: Export) -> Files:
+    names = [material.maps.color for material in export.materials if material.maps is not None]
+    return {name: export.textures[name] for name in names}
+
+
 def thesis_mtl(
     materials: Sequence[FittedMaterial],
     codes: Mapping[str, int] | None = None,
@@ -57,20 +70,18 @@ def thesis_mtl(
     Of a material with a colour map of its own, which holds the whole colour, `Kd` is white.
 
     Args:
-        codes: what `Ns` says for each type, the thesis's numbers where left out; readers such as Assimp 3.2 need
-            others.
+        codes: `Ns` of each type, the thesis's where left out; readers such as Assimp 3.2 need other numbers.
         maps: texture files by the material's name, in place of its own.
 
     Raises:
         ValueError: a number that the table asks for is missing, not finite, or beyond float32.
     """
-
     type_code = type_codes() if codes is None else codes
 
     def body(material: FittedMaterial, files: Maps) -> Lines:
-        kind = KINDS[material.type]
+        kind = scattering_type(material)
         by_key = {quantity.mtl: quantity.name for quantity in kind.quantities}
-        yield f"Ns {type_code[material.type]}"
+        yield f"Ns {_code(type_code, material)}"
         yield _triple("Ka", given(material, by_key["Ka"]))
         yield _triple("Kd", given(material, by_key["Kd"]))
         yield _triple("Ks", [given(material, by_key["Ks"]) if kind.mirrors else 0.0] * 3)
@@ -106,15 +117,16 @@ def ordinary_mtl(materials: Sequence[FittedMaterial], maps: Mapping[str, Maps] =
     """
 
     def body(material: FittedMaterial, files: Maps) -> Lines:
-        front, highlight = _ordinary_colors(material)
-        kind = KINDS[material.type]
+        kind = scattering_type(material)
+        highlight = given(material, "reflectance" if kind.has_body else "f0") if kind.mirrors else [0.0] * 3
+        front = front_color(material)
         alpha = given(material, "alpha") if kind.mirrors else 1.0
         yield _triple("Kd", front)
         yield _triple("Ks", highlight)
         yield f"Ns {number(_blinn_exponent(alpha))}"
         yield f"Pr {number(math.sqrt(alpha))}"
         yield f"Pm {0 if kind.has_body else 1}"
-        yield f"illum {ILLUM[material.type]}"
+        yield f"illum {_illumination_model(kind)}"
         if files.color:
             yield _texture("map_Kd", files.color)
         if files.normal:  # Blender gives a bump without -bm the strength 0
@@ -123,11 +135,17 @@ def ordinary_mtl(materials: Sequence[FittedMaterial], maps: Mapping[str, Maps] =
     return _file(materials, maps, body)
 
 
-def _ordinary_colors(material: FittedMaterial) -> tuple[Sequence[float], Sequence[float]]:
-    """Kd and Ks of `ordinary_mtl`: the colours seen from the front, of the body and of the reflection."""
-    reflection = {"metal": "f0", "glossy": "reflectance"}
-    highlight = given(material, reflection[material.type]) if material.type in reflection else [0.0, 0.0, 0.0]
-    return front_color(material), highlight
+def _code(codes: Mapping[str, int], material: FittedMaterial) -> int:
+    if material.type not in codes:
+        raise ValueError(f"{material.type} {material.name!r} has no type code, which its file needs")
+    return codes[material.type]
+
+
+def _illumination_model(kind: Kind) -> int:
+    """The ordinary `illum`: 1 diffuse, 2 with highlight, 3 with reflection."""
+    if not kind.has_body:
+        return 3
+    return 2 if kind.mirrors else 1
 
 
 def _blinn_exponent(alpha: float) -> float:

@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
-from fit_material.fitter.export.values import Rgb, front_color, given, index_and_tint
+from fit_material.fitter.export.values import Rgb, front_color, given, index_and_tint, scattering_type
 from fit_material.fitter.result.schema import FittedMaterial
-from fit_material.shaders.materials.kinds import MaterialType
 
 WHITE: Rgb = (1.0, 1.0, 1.0)
 
@@ -17,7 +15,7 @@ WHITE: Rgb = (1.0, 1.0, 1.0)
 class Principled:
     """A base under a dielectric surface, or a metal.
 
-        field        metal   glossy                    matte
+        field        mirror  body under a mirror       body alone
         base_color   F0      color                     color · reflectance
         metallic     1       0                         0
         roughness    √alpha  √alpha                    1
@@ -48,29 +46,11 @@ def principled(material: FittedMaterial) -> Principled:
     Raises:
         ValueError: a number that they ask for is missing, not finite or out of range.
     """
-    return _PRINCIPLED[material.type](material)
-
-
-def _metal(material: FittedMaterial) -> Principled:
-    return Principled(front_color(material), metallic=1.0, roughness=_roughness(material))
-
-
-def _glossy(material: FittedMaterial) -> Principled:
-    color, roughness = front_color(material), _roughness(material)
+    kind, color = scattering_type(material), front_color(material)
+    if not kind.mirrors:
+        return Principled(color, metallic=0.0, roughness=1.0, specular=0.0)
+    roughness = math.sqrt(given(material, "alpha"))
+    if not kind.has_body:
+        return Principled(color, metallic=1.0, roughness=roughness)
     ior, tint = index_and_tint(given(material, "reflectance"))
     return Principled(color, metallic=0.0, roughness=roughness, ior=ior, tint=tint)
-
-
-def _matte(material: FittedMaterial) -> Principled:
-    return Principled(front_color(material), metallic=0.0, roughness=1.0, specular=0.0)
-
-
-_PRINCIPLED: Mapping[MaterialType, Callable[[FittedMaterial], Principled]] = {
-    "metal": _metal,
-    "glossy": _glossy,
-    "matte": _matte,
-}
-
-
-def _roughness(material: FittedMaterial) -> float:
-    return math.sqrt(given(material, "alpha"))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 import torch
@@ -11,14 +11,26 @@ import torch
 from fit_material.fitter.result.schema import FittedMaterial
 from fit_material.renderer.errors.printable import printable
 from fit_material.renderer.materials.mtl_syntax import FLOAT32_MAX, distinct
-from fit_material.shaders.materials.kinds import MaterialType
+from fit_material.shaders.materials.kinds import KINDS, Kind
 from fit_material.shaders.optics.fresnel import index_limit
 
 Rgb = tuple[float, float, float]
 
 
+def scattering_type(material: FittedMaterial) -> Kind:
+    """The material's type, which mirrors, or has a body, or both.
+
+    Raises:
+        ValueError: it does neither, and no format has an entry for that.
+    """
+    kind = KINDS[material.type]
+    if not kind.mirrors and not kind.has_body:
+        raise ValueError(f"{material.type} {material.name!r} neither mirrors nor has a body, and no format holds that")
+    return kind
+
+
 def given(material: FittedMaterial, parameter: str) -> Any:
-    """The material's number, or three numbers, which its type has.
+    """The material's number, or three numbers, which a format needs.
 
     Raises:
         ValueError: it has none, or one that is not finite or beyond float32.
@@ -48,21 +60,23 @@ def numbers(values: Iterable[float], between: str = " ") -> str:
 
 
 def front_color(material: FittedMaterial) -> Rgb:
-    """The colour of the body seen from the front, linear Rec. 709: F0 of metals, color · reflectance of matte ones."""
-    return _FRONT_COLORS[material.type](material)
+    """The colour of the body seen from the front, linear Rec. 709.
 
+        mirror without a body    F0
+        body under a mirror      color
+        body alone               color · reflectance
 
-def _seen_from_the_front(material: FittedMaterial) -> Rgb:
-    colors = zip(given(material, "color"), given(material, "reflectance"), strict=True)
-    red, green, blue = (color * reflectance for color, reflectance in colors)
+    Raises:
+        ValueError: one of these is missing, not finite or beyond float32.
+    """
+    kind = scattering_type(material)
+    if not kind.has_body:
+        return given(material, "f0")
+    color = given(material, "color")
+    if kind.mirrors:
+        return color
+    red, green, blue = (each * f for each, f in zip(color, given(material, "reflectance"), strict=True))
     return red, green, blue
-
-
-_FRONT_COLORS: Mapping[MaterialType, Callable[[FittedMaterial], Rgb]] = {
-    "metal": lambda material: given(material, "f0"),
-    "glossy": lambda material: given(material, "color"),
-    "matte": _seen_from_the_front,
-}
 
 
 def index_and_tint(reflectance: Sequence[float]) -> tuple[float, Rgb]:

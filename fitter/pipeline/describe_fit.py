@@ -19,6 +19,7 @@ from fit_material.fitter.observations.photograph import known_exposure
 from fit_material.fitter.observations.scene_data import Loaded
 from fit_material.fitter.options.fidelity import Fidelity
 from fit_material.fitter.pipeline.map_files import map_files
+from fit_material.fitter.pipeline.output_files import EXPORTED
 from fit_material.fitter.report import image_quality
 from fit_material.fitter.report.effect_pictures import strips
 from fit_material.fitter.report.image_quality import ViewPictures
@@ -27,6 +28,7 @@ from fit_material.fitter.report.pictures import map_pictures
 from fit_material.fitter.report.reflectance_curve import Curve, reflectance_curve
 from fit_material.fitter.report.report import comparison_png, render_report
 from fit_material.fitter.result.schema import Effect, Model, Result, Time
+from fit_material.fitter.result.written_files import TRANSFORMS
 from fit_material.renderer.rays.gbuffer import GBuffer, Tracer
 from fit_material.renderer.rays.picture import draw
 from fit_material.shaders.materials.fresnel_models import REFLECTANCES
@@ -34,7 +36,6 @@ from fit_material.shaders.materials.fresnel_models import REFLECTANCES
 if TYPE_CHECKING:
     from fit_material.fitter.poses.refinement import RefinedPoses
 
-EXPORTED = ("thesis", "mtl")  # formats that every fit writes
 SHOWN_SAMPLES = 128  # directions per pixel of the report's pictures, at most; their noise is in `quality`
 SHOWN_FOOTPRINT = 2
 
@@ -124,16 +125,17 @@ def describe_fit(fitted: FittedScene, clock: Clock, command: str) -> DescribedFi
     alone = strips(fitted.planned, seen[0], fitted.trace)
     curves = [_curve(part) for part in parts]
     maps = [(part.material.name, *map_pictures(part.color_map)) for part in parts if part.color_map is not None]
+    textures = map_files(parts)
     files: dict[str, str | bytes] = {
-        **map_files(parts),
+        **textures,
         "report.html": render_report(result, views, curves, alone, outliers, maps=maps, command=command),
         "comparison.png": comparison_png(views),
     }
-    for ending, writer in (FORMATS[name] for name in EXPORTED):
-        files[f"{loaded.name}{ending}"] = writer(result.materials)
+    for name in EXPORTED:
+        files.update(FORMATS[name].files(result.materials, loaded.name, textures))
     moved = None if fitted.refined is None else fitted.refined.transforms
     if moved is not None:
-        files[f"{loaded.name}.transforms.json"] = moved
+        files[f"{loaded.name}{TRANSFORMS}"] = moved
     return DescribedFit(result, files)
 
 

@@ -5,14 +5,16 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
+from fit_material.fitter.export.formats import FORMATS
 from fit_material.fitter.observations.scene_data import Loaded
 from fit_material.fitter.options.fit_options import FitOptions
 from fit_material.fitter.pipeline.map_files import map_names
-from fit_material.fitter.result.written_files import ENDINGS, PICTURES, RESULT, replaceable_by_fit
+from fit_material.fitter.result.written_files import PICTURES, RESULT, TRANSFORMS, replaceable_by_fit
 from fit_material.renderer.files.atomic import require_names
 from fit_material.renderer.files.replaceable import Replaceable
 from fit_material.renderer.scene.input_paths import input_paths
 
+EXPORTED = ("mtl", "thesis")  # formats that every fit writes
 SIZE = 4_000_000  # bytes of a fit's files without maps, or about so many
 
 
@@ -23,10 +25,10 @@ def output_names(name: str, materials: Sequence[str], options: FitOptions) -> li
         name: of the scene's shape, which files are called after.
         materials: the names of the shape's.
     """
-    *always, cameras = (f"{name}{ending}" for ending in ENDINGS)
+    exported = [f"{name}{FORMATS[each].ending}" for each in EXPORTED]
     maps = [map_names(name, materials, index) for index in range(len(materials))] if options.maps else []
-    moved = [cameras] if options.refine_pose else []
-    return [RESULT, *PICTURES, *always, *moved, *(file for each in maps for file in (each.color, each.color_seen))]
+    moved = [f"{name}{TRANSFORMS}"] if options.refine_pose else []
+    return [RESULT, *PICTURES, *exported, *moved, *(file for each in maps for file in (each.color, each.color_seen))]
 
 
 def require_room_for_outputs(loaded: Loaded, scene_file: Path, folder: Path, options: FitOptions) -> Replaceable:

@@ -12,7 +12,8 @@ from fit_material.renderer.files.unfinished import sweep
 
 RESULT = "result.json"
 PICTURES = ("report.html", "comparison.png")
-ENDINGS = (".mtl", ".thesis.mtl", ".transforms.json")
+TRANSFORMS = ".transforms.json"  # of the cameras that a fit moved
+ENDINGS = (".mtl", ".thesis.mtl", TRANSFORMS)  # of files by versions that listed none
 KNOWN = f"one that the {RESULT} there lists and nobody has changed"
 
 

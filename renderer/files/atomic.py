@@ -22,11 +22,16 @@ LONGEST_NAME = 255  # bytes, where a disk does not say
 
 
 def write_text_atomically(path: str | Path, text: str) -> None:
-    """Write `text` as UTF-8 without byte-order mark; see `write_bytes_atomically`.
+    """Write `text` `in_utf8`; see `write_bytes_atomically`."""
+    write_bytes_atomically(path, in_utf8(text))
+
+
+def in_utf8(text: str) -> bytes:
+    """Text as our files have it: UTF-8 without byte-order mark.
 
     What UTF-8 has no bytes for, as names of files may have, is written as `\\udcHH`, which JSON reads back.
     """
-    write_bytes_atomically(path, text.encode("utf-8", "backslashreplace"))
+    return text.encode("utf-8", "backslashreplace")
 
 
 def write_bytes_atomically(path: str | Path, data: bytes) -> None:

@@ -16,9 +16,9 @@ from fit_material.renderer.files.regular_files import require_file
 from fit_material.renderer.materials.mtl_maps import ORDINARY_KEYS, THESIS_KEYS, Keys, MapReader
 from fit_material.renderer.materials.mtl_syntax import Block, Triple, read_blocks
 from fit_material.renderer.materials.textured_material import Appearance
-from fit_material.shaders.materials.kinds import KINDS
+from fit_material.shaders.materials.kinds import KINDS, type_codes
 from fit_material.shaders.materials.quantities import COLOR, REFLECTANCE, ROUGHNESS, K, N, Quantity
-from fit_material.shaders.materials.types import Glossy, Material, Matte, Metal, made_of, type_codes
+from fit_material.shaders.materials.types import Glossy, Material, Matte, Metal, made_of
 from fit_material.shaders.materials.widths import RHO_PER_ALPHA, Blur
 from fit_material.shaders.optics import fresnel
 

@@ -34,7 +34,7 @@ from fit_material.renderer.viewer.eye import Eye, eye_of, frame
 from fit_material.renderer.viewer.look import Look
 from fit_material.renderer.viewer_model.model import Model, read_model
 from fit_material.renderer.viewer_model.viewer_light import Surroundings, surroundings
-from fit_material.shaders.materials.types import type_codes
+from fit_material.shaders.materials.kinds import type_codes
 
 if TYPE_CHECKING:
     import moderngl

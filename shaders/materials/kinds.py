@@ -19,7 +19,7 @@ class Kind:
 
     Attributes:
         name: as files and the command line have it.
-        code: number behind `Ns` in the thesis's MTL dialect [thesis, table 3.1].
+        code: number behind `Ns` in the thesis's MTL dialect [thesis, table 3.1]; None where that has none.
         noun: what a sentence calls it.
         stored: quantities that make it up, besides the width of its specular lobe.
         mirrors: whether it has a specular lobe, and so a width.
@@ -29,7 +29,7 @@ class Kind:
     """
 
     name: MaterialType
-    code: int
+    code: int | None
     noun: str
     stored: tuple[Quantity, ...]
     mirrors: bool
@@ -61,3 +61,8 @@ KINDS = Registry(METAL, GLOSSY, MATTE)
 
 NAMES = tuple(KINDS)
 """Their names, of the program's own alone: for the command line, which is read once."""
+
+
+def type_codes() -> dict[str, int]:
+    """The number behind `Ns` for each type of material [thesis, table 3.1]."""
+    return {kind.name: kind.code for kind in KINDS.values() if kind.code is not None}

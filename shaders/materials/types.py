@@ -11,7 +11,6 @@ from typing import Any, TypeAlias
 from torch import Tensor
 
 from fit_material.shaders.materials.glossy import Glossy
-from fit_material.shaders.materials.kinds import KINDS
 from fit_material.shaders.materials.material import AbstractMaterial
 from fit_material.shaders.materials.matte import Matte
 from fit_material.shaders.materials.metal import Metal
@@ -19,17 +18,12 @@ from fit_material.shaders.materials.quantities import Quantity
 from fit_material.shaders.materials.widths import Width
 from fit_material.shaders.registry.registry import Registry
 
-__all__ = ["TYPES", "Glossy", "Material", "Matte", "Metal", "made_of", "type_codes"]
+__all__ = ["TYPES", "Glossy", "Material", "Matte", "Metal", "made_of"]
 
 Material: TypeAlias = AbstractMaterial
 
 TYPES: Registry[type[AbstractMaterial]] = Registry(Metal, Glossy, Matte)
 """All types of material."""
-
-
-def type_codes() -> dict[str, int]:
-    """The number behind `Ns` for each type of material [thesis, table 3.1]."""
-    return {kind.name: kind.code for kind in KINDS.values()}
 
 
 def made_of(name: str, quantity: Callable[[Quantity], Tensor], width: Callable[[], Width]) -> Material:

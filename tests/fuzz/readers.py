@@ -13,7 +13,8 @@ from random import Random
 from typing import Any
 
 from fit_material.fitter.batch.scene_list import read_lists
-from fit_material.fitter.export.formats import FORMATS, export
+from fit_material.fitter.export.export import export
+from fit_material.fitter.export.formats import FORMATS
 from fit_material.fitter.result.schema import read_result
 from fit_material.renderer.camera_files.mitsuba_sensors import read_sensors
 from fit_material.renderer.camera_files.nerf_transforms import read_transforms

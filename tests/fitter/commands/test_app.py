@@ -20,6 +20,7 @@ import pytest
 import tinyobjloader
 
 from fit_material.fitter.commands import app
+from fit_material.fitter.commands.export import _stem
 from fit_material.fitter.result import formatting
 from fit_material.renderer.images.image_file import write_exr
 from fit_material.renderer.materials.catalogue import metal
@@ -168,7 +169,7 @@ def test_exported_files_are_called_as_the_fit_called_them(tmp_path, names, stem)
     (tmp_path / "folder").mkdir()
     for name in names:
         (tmp_path / "folder" / name).touch()
-    assert app._stem(tmp_path / "folder" / "result.json") == stem
+    assert _stem(tmp_path / "folder" / "result.json") == stem
 
 
 def test_locales_without_our_letters():

@@ -18,7 +18,7 @@ import typer
 from fit_material.fitter.batch.batch import alone_in
 from fit_material.fitter.batch.workers.record import replaceable_by_batch
 from fit_material.fitter.commands.fit import demo
-from fit_material.fitter.export.formats import export
+from fit_material.fitter.export.export import export
 from fit_material.fitter.frontier import compare as frontier_files
 from fit_material.fitter.frontier.compare import Question, compare
 from fit_material.fitter.frontier.rungs import LADDER

@@ -1,6 +1,6 @@
 import pytest
 
-from fit_material.fitter.export.formats import export
+from fit_material.fitter.export.export import export
 from fit_material.fitter.export.mtl import ordinary_mtl, thesis_mtl
 from fit_material.renderer.errors.input_error import InputError
 from tests.fitter.result.test_schema import gold, result

@@ -14,7 +14,8 @@ from hypothesis import strategies as st
 
 from fit_material.fitter.commands import app
 from fit_material.fitter.export.blender import blender
-from fit_material.fitter.export.formats import FORMATS, export
+from fit_material.fitter.export.export import export
+from fit_material.fitter.export.formats import FORMATS
 from fit_material.fitter.export.materialx import materialx
 from fit_material.fitter.export.mitsuba_xml import mitsuba_xml
 from fit_material.fitter.export.mtl import ordinary_mtl, thesis_mtl

@@ -15,7 +15,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from fit_material.fitter.commands import app
-from fit_material.fitter.export.formats import export
+from fit_material.fitter.export.export import export
 from fit_material.fitter.fitted.color_texture import codes
 from fit_material.fitter.forward.lighting import setting_of
 from fit_material.fitter.observations.scene_data import load

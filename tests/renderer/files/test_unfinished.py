@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 
 from fit_material.fitter.batch.batch import alone_in
-from fit_material.fitter.export.formats import export
+from fit_material.fitter.export.export import export
 from fit_material.renderer.files.atomic import replaced_together, write_bytes_atomically, write_text_atomically
 from fit_material.renderer.files.unfinished import SILENT, prefix_here, unfinished_folder
 from tests.fitter.result.test_schema import result

@@ -7,7 +7,8 @@ import torch
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fit_material.shaders.materials.types import Glossy, Matte, Metal, type_codes
+from fit_material.shaders.materials.kinds import type_codes
+from fit_material.shaders.materials.types import Glossy, Matte, Metal
 from fit_material.shaders.materials.widths import Blur, Microfacet
 from fit_material.shaders.optics import fresnel
 
