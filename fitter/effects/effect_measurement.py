@@ -16,15 +16,14 @@ from fit_material.fitter.effects.plan import Change
 from fit_material.fitter.forward.lighting import OF_TABLE, Setting
 from fit_material.fitter.forward.pixel_model import PixelModel
 from fit_material.fitter.least_squares.noise import relative_weight
+from fit_material.fitter.materials.registry import FITTABLE
 from fit_material.fitter.observations.album import Album
 from fit_material.renderer.light_tables.light_table import LightTable
-from fit_material.renderer.materials.catalogue import metal
 from fit_material.renderer.rays import gbuffer
 from fit_material.renderer.rays.gbuffer import GBuffer, Tracer
 from fit_material.renderer.rays.pixel_footprint import middle
 from fit_material.renderer.rays.self_visibility import sees_itself
-from fit_material.shaders.materials.types import Glossy, Material, Matte, Metal
-from fit_material.shaders.materials.widths import Microfacet
+from fit_material.shaders.materials.types import Material
 
 PIXELS = 256  # fewer than one in eighty of all is then moved further than the most, with 95 % confidence
 PHOTOGRAPHS = 8
@@ -80,16 +79,11 @@ class Sample:
 
 def possible(kinds: Collection[str]) -> dict[str, Material]:
     """Materials of these types from polished to dull, by what they are called."""
-    gold = metal("Au")
-    n, k, half, dim, white = (
-        torch.tensor(each, dtype=torch.float64) for each in (gold.n, gold.k, [0.5] * 3, [0.04] * 3, [1.0] * 3)
-    )
     found: dict[str, Material] = {}
     for alpha in (torch.tensor(each, dtype=torch.float64) for each in ALPHAS):
-        found[f"gold of alpha {alpha:g}"] = Metal(n, k, Microfacet(alpha))
-        found[f"plastic of alpha {alpha:g}"] = Glossy(half, dim, Microfacet(alpha))
-    found["plaster"] = Matte(0.8 * white, white)
-    return {name: each for name, each in found.items() if each.type in kinds}
+        for kind, fittable in FITTABLE.items():
+            found |= fittable.examples(alpha) if kind in kinds else {}
+    return found
 
 
 @dataclass(frozen=True)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -28,6 +28,7 @@ class Fittable:
         start: determines where a search begins, from the model of the pixels, what they show, [p, 3], and the weights
             of these, [p, 3].
         half_reflecting: makes a material that reflects about half of the light, of a width.
+        examples: makes materials of a width alpha, by what sentences call them, for a plan made before one is found.
         essential: quantities that must be determined for a fit to have a usable material; alpha stands for ρ where
             the model is the viewer's.
         decisive: quantities whose errors a further photograph is to shrink.
@@ -40,6 +41,7 @@ class Fittable:
     coordinates: Callable[[Any, Any, Fidelity], Coordinates]
     start: Callable[[PixelModel, Float[Tensor, "p 3"], Float[Tensor, "p 3"]], AbstractMaterial]
     half_reflecting: Callable[[Any], AbstractMaterial]
+    examples: Callable[[Float[Tensor, ""]], Mapping[str, AbstractMaterial]]
     essential: tuple[Quantity, ...]
     decisive: tuple[Quantity, ...]
     foreseen: Callable[[WidthInterval], Coordinates]

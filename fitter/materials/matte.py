@@ -82,11 +82,18 @@ def foreseen(width: WidthInterval) -> MatteCoordinates:
     return MatteCoordinates(channels=1)
 
 
+def examples(alpha: Float[Tensor, ""]) -> dict[str, Matte]:
+    """Plaster."""
+    white = torch.ones(3).double()
+    return {"plaster": Matte(0.8 * white, white)}
+
+
 MATTE = Fittable(
     KIND,
     coordinates,
     start,
     half_reflecting,
+    examples,
     essential=(COLOR,),
     decisive=(COLOR,),
     foreseen=foreseen,

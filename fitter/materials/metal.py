@@ -15,11 +15,11 @@ from fit_material.fitter.materials.coordinates import REACH, Coordinates, WidthI
 from fit_material.fitter.materials.fittable import Fittable
 from fit_material.fitter.materials.linear_starts import share, widths
 from fit_material.fitter.options.fidelity import Fidelity
-from fit_material.renderer.materials.catalogue import DARKEST_METAL, read_catalogue
+from fit_material.renderer.materials.catalogue import DARKEST_METAL, metal, read_catalogue
 from fit_material.shaders.materials.kinds import METAL as KIND
 from fit_material.shaders.materials.metal import Metal
 from fit_material.shaders.materials.quantities import ALPHA, F0, K, N
-from fit_material.shaders.materials.widths import Width
+from fit_material.shaders.materials.widths import Microfacet, Width
 from fit_material.shaders.optics import fresnel
 
 TINT_WIDTH = 1.5  # of artanh(log n / log m); the catalogue's metals lie within ±1
@@ -148,11 +148,19 @@ def _known_tint(start: Metal) -> Float[Tensor, "3"]:
     return tint_of(*known[min(range(len(known)), key=distance.__getitem__)])
 
 
+def examples(alpha: Float[Tensor, ""]) -> dict[str, Metal]:
+    """Gold."""
+    gold = metal("Au")
+    n, k = (torch.tensor(each, dtype=torch.float64) for each in (gold.n, gold.k))
+    return {f"gold of alpha {alpha:g}": Metal(n, k, Microfacet(alpha))}
+
+
 METAL = Fittable(
     KIND,
     coordinates,
     start,
     half_reflecting,
+    examples,
     essential=(F0, ALPHA),
     decisive=(N, K, ALPHA),
     foreseen=MetalCoordinates,
