@@ -24,6 +24,7 @@ from fit_material.renderer.rays.gbuffer import GBuffer, Tracer
 from fit_material.renderer.rays.pixel_footprint import middle
 from fit_material.renderer.rays.self_visibility import sees_itself
 from fit_material.shaders.materials.types import Material
+from fit_material.shaders.materials.widths import Microfacet, Width
 
 PIXELS = 256  # fewer than one in eighty of all is then moved further than the most, with 95 % confidence
 PHOTOGRAPHS = 8
@@ -77,12 +78,12 @@ class Sample:
         return float(sees_itself(self.trace, self.middles).double().mean())
 
 
-def possible(kinds: Collection[str]) -> dict[str, Material]:
-    """Materials of these types from polished to dull, by what they are called."""
+def possible(kinds: Collection[str], lobe: type[Width] = Microfacet) -> dict[str, Material]:
+    """Materials of these types from polished to dull, by what they are called; a blur's radii are the same numbers."""
     found: dict[str, Material] = {}
-    for alpha in (torch.tensor(each, dtype=torch.float64) for each in ALPHAS):
+    for width in (lobe(torch.tensor(each, dtype=torch.float64)) for each in ALPHAS):
         for kind, fittable in FITTABLE.items():
-            found |= fittable.examples(alpha) if kind in kinds else {}
+            found |= fittable.examples(width) if kind in kinds else {}
     return found
 
 

@@ -5,8 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
-MIRRORS = frozenset({"metal", "glossy"})
-SCATTERS = frozenset({"glossy", "matte"})
+from fit_material.shaders.materials.kinds import KINDS
 
 NOT_WITH = {
     "normal-map": "a map, which normal_map of a scene's [[materials]] names",
@@ -55,11 +54,11 @@ class Facts:
 
     @property
     def mirrors(self) -> bool:
-        return bool(self.kinds & MIRRORS)
+        return any(KINDS[kind].mirrors for kind in self.kinds)
 
     @property
     def scatters(self) -> bool:
-        return bool(self.kinds & SCATTERS)
+        return any(KINDS[kind].has_body for kind in self.kinds)
 
     @property
     def materials(self) -> str:
@@ -79,7 +78,7 @@ def why_off(name: str, facts: Facts) -> str | None:
 def why_on(facts: Facts) -> dict[str, str]:
     """Effects that structure alone calls for, if it does not rule them out."""
     sought = {} if facts.found and not facts.blurs else {"blur": "the roughness is sought"}
-    if facts.kinds - SCATTERS:
+    if not all(KINDS[kind].has_body for kind in facts.kinds):
         sought["exact-fresnel"] = "n and k differ in it alone"
     if "color" in facts.maps:
         sought["color-map"] = "--maps color recovers it"
@@ -108,7 +107,7 @@ def _no_lights(facts: Facts) -> str | None:
 
 
 def _one_part(facts: Facts) -> str | None:
-    layered = facts.kinds & MIRRORS & SCATTERS
+    layered = any(KINDS[kind].mirrors and KINDS[kind].has_body for kind in facts.kinds)
     return None if layered else f"{facts.materials}, of which either body or surface sends out light"
 
 

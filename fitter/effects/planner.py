@@ -20,6 +20,7 @@ from fit_material.renderer.rays.occlusion import Occluder, occluder
 from fit_material.shaders.effects import NAMES
 from fit_material.shaders.materials.kinds import KINDS, MaterialType
 from fit_material.shaders.materials.types import Material
+from fit_material.shaders.materials.widths import Blur, Microfacet
 
 TOLERANCE = 0.01
 """Relative change of a pixel from which an effect is called for, where no --tolerance was asked for."""
@@ -73,7 +74,7 @@ class Planner:
             maps=self._maps,
         )
         tolerance = options.tolerance or TOLERANCE
-        materials = possible(types) if found is None else found
+        materials = possible(types, Blur if fidelity.blurs else Microfacet) if found is None else found
 
         def measured(names: Collection[str]) -> Mapping[str, Change]:
             everything = replace(self.setting, occluder=self.occluder, effects=NAMES)

@@ -15,6 +15,7 @@ from fit_material.fitter.options.fidelity import Fidelity
 from fit_material.shaders.materials.kinds import Kind, MaterialType
 from fit_material.shaders.materials.material import AbstractMaterial
 from fit_material.shaders.materials.quantities import Quantity
+from fit_material.shaders.materials.widths import Width
 
 
 @dataclass(frozen=True)
@@ -28,7 +29,7 @@ class Fittable:
         start: determines where a search begins, from the model of the pixels, what they show, [p, 3], and the weights
             of these, [p, 3].
         half_reflecting: makes a material that reflects about half of the light, of a width.
-        examples: makes materials of a width alpha, by what sentences call them, for a plan made before one is found.
+        examples: makes materials of a width, by what sentences call them, for a plan made before one is found.
         essential: quantities that must be determined for a fit to have a usable material; alpha stands for ρ where
             the model is the viewer's.
         decisive: quantities whose errors a further photograph is to shrink.
@@ -41,7 +42,7 @@ class Fittable:
     coordinates: Callable[[Any, Any, Fidelity], Coordinates]
     start: Callable[[PixelModel, Float[Tensor, "p 3"], Float[Tensor, "p 3"]], AbstractMaterial]
     half_reflecting: Callable[[Any], AbstractMaterial]
-    examples: Callable[[Float[Tensor, ""]], Mapping[str, AbstractMaterial]]
+    examples: Callable[[Width], Mapping[str, AbstractMaterial]]
     essential: tuple[Quantity, ...]
     decisive: tuple[Quantity, ...]
     foreseen: Callable[[WidthInterval], Coordinates]

@@ -17,7 +17,7 @@ from fit_material.fitter.options.fidelity import Fidelity
 from fit_material.shaders.materials.glossy import Glossy
 from fit_material.shaders.materials.kinds import GLOSSY as KIND
 from fit_material.shaders.materials.quantities import ALPHA, COLOR, F0
-from fit_material.shaders.materials.widths import Microfacet, Width
+from fit_material.shaders.materials.widths import Width
 
 PLASTIC = 0.04  # the reflectance of most dielectrics, of index 1.5
 DIELECTRIC = Interval(1e-3, 0.5)  # reflectance, of an index of 1.065 on; diamond's is 0.17. What mirrors less is matte
@@ -80,9 +80,9 @@ def foreseen(width: WidthInterval) -> GlossyCoordinates:
     return GlossyCoordinates(width, DIELECTRIC, 1)
 
 
-def examples(alpha: Float[Tensor, ""]) -> dict[str, Glossy]:
+def examples(width: Width) -> dict[str, Glossy]:
     """Grey plastic."""
-    return {f"plastic of alpha {alpha:g}": half_reflecting(Microfacet(alpha))}
+    return {f"plastic of alpha {width.value:g}": half_reflecting(width)}
 
 
 GLOSSY = Fittable(

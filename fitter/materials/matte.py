@@ -82,7 +82,7 @@ def foreseen(width: WidthInterval) -> MatteCoordinates:
     return MatteCoordinates(channels=1)
 
 
-def examples(alpha: Float[Tensor, ""]) -> dict[str, Matte]:
+def examples(width: Width) -> dict[str, Matte]:
     """Plaster."""
     white = torch.ones(3).double()
     return {"plaster": Matte(0.8 * white, white)}

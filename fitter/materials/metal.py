@@ -19,7 +19,7 @@ from fit_material.renderer.materials.catalogue import DARKEST_METAL, metal, read
 from fit_material.shaders.materials.kinds import METAL as KIND
 from fit_material.shaders.materials.metal import Metal
 from fit_material.shaders.materials.quantities import ALPHA, F0, K, N
-from fit_material.shaders.materials.widths import Microfacet, Width
+from fit_material.shaders.materials.widths import Width
 from fit_material.shaders.optics import fresnel
 
 TINT_WIDTH = 1.5  # of artanh(log n / log m); the catalogue's metals lie within ±1
@@ -148,11 +148,11 @@ def _known_tint(start: Metal) -> Float[Tensor, "3"]:
     return tint_of(*known[min(range(len(known)), key=distance.__getitem__)])
 
 
-def examples(alpha: Float[Tensor, ""]) -> dict[str, Metal]:
+def examples(width: Width) -> dict[str, Metal]:
     """Gold."""
     gold = metal("Au")
     n, k = (torch.tensor(each, dtype=torch.float64) for each in (gold.n, gold.k))
-    return {f"gold of alpha {alpha:g}": Metal(n, k, Microfacet(alpha))}
+    return {f"gold of alpha {width.value:g}": Metal(n, k, width)}
 
 
 METAL = Fittable(

@@ -6,9 +6,9 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from fit_material.fitter.effects.plan import require_choosable
-from fit_material.fitter.effects.plan_rules import SCATTERS
 from fit_material.fitter.options.fit_options import FitOptions
 from fit_material.renderer.errors.input_error import InputError
+from fit_material.shaders.materials.kinds import KINDS
 
 
 def require_consistent(options: FitOptions) -> None:
@@ -26,8 +26,10 @@ def require_consistent(options: FitOptions) -> None:
                 "a fidelity of microfacets, such as --fidelity standard: the viewer's model is not linear in colour"
             )
             raise InputError("--maps", value=f"color, --lobe {options.fidelity.lobe}", expected=expected)
-        if options.type != "auto" and options.type not in SCATTERS:
-            raise InputError("--maps", value="color, --type metal", expected="--type glossy, matte or auto beside it")
+        if options.type != "auto" and not KINDS[options.type].has_body:
+            bodies = ", ".join(kind.name for kind in KINDS.values() if kind.has_body)
+            value, expected = f"color, --type {options.type}", f"--type {bodies} or auto beside it"
+            raise InputError("--maps", value=value, expected=expected)
         if "color-map" in options.unwanted:
             raise InputError("--maps", value="color, --without color-map", expected="one of the two, not both")
     if options.tolerance is not None:

@@ -62,7 +62,10 @@ def quiet(stage: str, share: float) -> None:
 
 
 def problem_of(truth: Material, surface: GBuffer, light: Environment, fidelity: Fidelity, **made: Any) -> Problem:
-    """The problem of finding a material from a picture that the model itself makes, with other samples."""
+    """The problem of finding a material from a picture that the model itself makes, with other samples; its width is
+    taken for that of the model's lobe."""
+    if truth.width is not None:
+        truth = truth.with_width((Blur if fidelity.blurs else Microfacet)(truth.width.value))
     making = Setting(light, (), replace(fidelity, **made), seed=5)
     seen = making.radiance(truth, surface, making.fidelity.samples)
     place = torch.zeros(len(seen), 3, dtype=torch.long)

@@ -20,7 +20,7 @@ from fit_material.shaders.lights import DirectionalLight
 from fit_material.shaders.materials.kinds import KINDS
 from fit_material.shaders.materials.lobes import Diffuse
 from fit_material.shaders.materials.types import TYPES, Glossy, Material, Matte, Metal, made_of
-from fit_material.shaders.materials.widths import Microfacet
+from fit_material.shaders.materials.widths import Microfacet, blur_like
 from fit_material.shaders.optics import rough_plastic
 from tests.support.quadrature import masking
 
@@ -120,7 +120,9 @@ def test_lobes_are_what_the_type_says_of_them(name):
     material, of_type = MATERIALS[name], KINDS[name]
     for lobes in (
         material.microfacet_lobes("ggx", type(material).exact_reflectance),
-        material.thesis_lobes(type(material).viewer_reflectance),
+        (material if material.width is None else material.with_width(blur_like(material.width))).thesis_lobes(
+            type(material).viewer_reflectance
+        ),
     ):
         assert any(isinstance(lobe, Diffuse) for lobe in lobes) == of_type.has_body
         assert any(not isinstance(lobe, Diffuse) for lobe in lobes) == of_type.mirrors
