@@ -10,6 +10,7 @@ from fit_material.fitter.export.principled import principled
 from fit_material.fitter.export.values import Rgb, given, number, numbers, remark_line
 from fit_material.fitter.result.formatting import remarks
 from fit_material.fitter.result.schema import FittedMaterial
+from fit_material.shaders.materials.quantities import F0, INDEX
 from fit_material.shaders.optics.fresnel import conductor, schlick
 
 HEAD = '''"""Materials that fit-material found, for Blender 4: run it in its Scripting workspace, or by --python.
@@ -57,7 +58,7 @@ def _sockets(material: FittedMaterial) -> Mapping[str, str]:
     return {
         "Base Color": _color(look.base_color),
         "Metallic": number(look.metallic),
-        "Roughness": number(look.roughness),
+        "Roughness": number(look.perceptual_roughness),
         "IOR": number(look.ior),
         "Specular IOR Level": number(look.specular / 2),  # ½ leaves the reflectance as the IOR has it
         "Specular Tint": _color(f82_tint(material) if look.metallic else look.tint),
@@ -76,7 +77,7 @@ def f82_tint(material: FittedMaterial) -> Rgb:
     Returns:
         t per channel, in [0, 1].
     """
-    n, k, f0 = (torch.tensor(given(material, key), dtype=torch.float64) for key in ("n", "k", "f0"))
+    n, k, f0 = (torch.tensor(given(material, key), dtype=torch.float64) for key in (*INDEX, F0.name))
     cosine = torch.tensor(F82_COSINE, dtype=torch.float64)
     red, green, blue = (conductor(cosine, n, k) / schlick(cosine, f0)).clamp(0, 1).tolist()
     return red, green, blue

@@ -50,7 +50,7 @@ def _material(material: FittedMaterial) -> Json:
     surface = {
         "baseColorFactor": [*look.base_color, 1.0],
         "metallicFactor": look.metallic,
-        "roughnessFactor": look.roughness,
+        "roughnessFactor": look.perceptual_roughness,
     }
     extensions = {} if look.metallic else _dielectric(look)
     return {

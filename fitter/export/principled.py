@@ -26,7 +26,7 @@ class Principled:
     Attributes:
         base_color: linear Rec. 709, in [0, 1].
         metallic: 0 or 1.
-        roughness: perceptual, √alpha, in [0, 1].
+        perceptual_roughness: √alpha, in [0, 1].
         specular: weight of the dielectric's reflection, 0 or 1.
         ior: index of refraction of the dielectric, >= 1; the formats' default where there is none.
         tint: colour of the dielectric's reflection at normal incidence, in [0, 1].
@@ -34,7 +34,7 @@ class Principled:
 
     base_color: Rgb
     metallic: float
-    roughness: float
+    perceptual_roughness: float
     specular: float = 1.0
     ior: float = 1.5
     tint: Rgb = WHITE
@@ -48,9 +48,9 @@ def principled(material: FittedMaterial) -> Principled:
     """
     kind, color = scattering_type(material), front_color(material)
     if not kind.mirrors:
-        return Principled(color, metallic=0.0, roughness=1.0, specular=0.0)
+        return Principled(color, metallic=0.0, perceptual_roughness=1.0, specular=0.0)
     roughness = math.sqrt(given(material, "alpha"))
     if not kind.has_body:
-        return Principled(color, metallic=1.0, roughness=roughness)
+        return Principled(color, metallic=1.0, perceptual_roughness=roughness)
     ior, tint = index_and_tint(given(material, "reflectance"))
-    return Principled(color, metallic=0.0, roughness=roughness, ior=ior, tint=tint)
+    return Principled(color, metallic=0.0, perceptual_roughness=roughness, ior=ior, tint=tint)

@@ -16,7 +16,7 @@ from fit_material.fitter.materials.linear_starts import share, widths
 from fit_material.fitter.options.fidelity import Fidelity
 from fit_material.shaders.materials.glossy import Glossy
 from fit_material.shaders.materials.kinds import GLOSSY as KIND
-from fit_material.shaders.materials.quantities import ALPHA, COLOR, F0
+from fit_material.shaders.materials.quantities import ALPHA, COLOR, F0, REFLECTANCE
 from fit_material.shaders.materials.widths import Width
 
 PLASTIC = 0.04  # the reflectance of most dielectrics, of index 1.5
@@ -39,12 +39,12 @@ class GlossyCoordinates(Coordinates[Glossy]):
 
     @property
     def sizes(self) -> Mapping[str, int]:
-        return {"color": 3, "reflectance": self.channels, "width": 1}
+        return {COLOR.name: 3, REFLECTANCE.name: self.channels, "width": 1}
 
     def material(self, x: Float[Tensor, " x"]) -> Glossy:
         x = x.clamp(-REACH, REACH)
-        reflectance = self.reflectance.value(x[self.slices["reflectance"]]).expand(3)
-        return Glossy(UNIT.value(x[self.slices["color"]]), reflectance, self.width.width(x[self.slices["width"]]))
+        reflectance = self.reflectance.value(x[self.slices[REFLECTANCE.name]]).expand(3)
+        return Glossy(UNIT.value(x[self.slices[COLOR.name]]), reflectance, self.width.width(x[self.slices["width"]]))
 
     def free(self, material: Glossy) -> Float[Tensor, " x"]:
         color = UNIT.free(UNIT.inside(material.color))

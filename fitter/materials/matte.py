@@ -18,7 +18,7 @@ from fit_material.fitter.options.fidelity import Fidelity
 from fit_material.renderer.materials.catalogue import DARKEST_MATTE
 from fit_material.shaders.materials.kinds import MATTE as KIND
 from fit_material.shaders.materials.matte import Matte
-from fit_material.shaders.materials.quantities import COLOR
+from fit_material.shaders.materials.quantities import COLOR, REFLECTANCE
 from fit_material.shaders.materials.widths import Width
 
 MATTE_REFLECTANCE = Interval(0.0, 1.5)  # the Lambertian, 1, lies inside: at an end no error could be told
@@ -42,12 +42,12 @@ class MatteCoordinates(Coordinates[Matte]):
 
     @property
     def sizes(self) -> Mapping[str, int]:
-        return {"color": 3, "reflectance": self.channels}
+        return {COLOR.name: 3, REFLECTANCE.name: self.channels}
 
     def material(self, x: Float[Tensor, " x"]) -> Matte:
         x = x.clamp(-REACH, REACH)
         return Matte(
-            UNIT.value(x[self.slices["color"]]), MATTE_REFLECTANCE.value(x[self.slices["reflectance"]]).expand(3)
+            UNIT.value(x[self.slices[COLOR.name]]), MATTE_REFLECTANCE.value(x[self.slices[REFLECTANCE.name]]).expand(3)
         )
 
     def free(self, material: Matte) -> Float[Tensor, " x"]:

@@ -12,6 +12,7 @@ from fit_material.fitter.next_view.candidate_views import Viewpoint
 from fit_material.fitter.next_view.expected_gain import Prospect, geometric_mean
 from fit_material.fitter.result.schema import FittedMaterial
 from fit_material.shaders.materials.kinds import KINDS
+from fit_material.shaders.materials.quantities import ALPHA
 
 HARDLY = 0.95  # of the errors that there are: a photograph that leaves so much is not worth its trouble
 
@@ -109,7 +110,7 @@ def _numbers(prospect: Prospect, view: int, key: str, owner: str) -> Iterator[_N
 
 def _is_shared(material: FittedMaterial, key: str) -> bool:
     """Whether all channels have one number, as a dielectric's F0."""
-    return key == "alpha" or key in KINDS[material.type].same_as
+    return key == ALPHA.name or key in KINDS[material.type].same_as
 
 
 def _channels(part: Any) -> tuple:

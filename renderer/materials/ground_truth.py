@@ -12,6 +12,7 @@ from fit_material.renderer.errors.input_error import InputError
 from fit_material.renderer.materials.bsdf import Bsdf, Channels, Distribution, conductor, diffuse, plastic
 from fit_material.renderer.materials.catalogue import metal as known_metal
 from fit_material.shaders.materials.kinds import GLOSSY, MATTE, METAL, Kind, MaterialType
+from fit_material.shaders.materials.quantities import ALPHA, INDEX, ROUGHNESS
 from fit_material.shaders.registry.registry import Registry
 
 ShadingModel = Literal["mitsuba", "viewer"]
@@ -27,7 +28,6 @@ class TrueMaterial(ABC):
     Attributes:
         kind: its type, as data.
         name: the type's name.
-        options: of the command line, that describe one.
         alpha: Mitsuba's microfacet width; None where it has none, or where `roughness` is given.
         roughness: the viewer's blur radius ρ; None where it has none, or where `alpha` is given.
         distribution: of the microfacets' normals; None where there are none.
@@ -35,7 +35,6 @@ class TrueMaterial(ABC):
 
     kind: ClassVar[Kind]
     name: ClassVar[MaterialType]
-    options: ClassVar[tuple[str, ...]]
     alpha: float | None
     roughness: float | None
     distribution: Distribution | None
@@ -52,6 +51,12 @@ class TrueMaterial(ABC):
     def mirrors(self) -> bool:
         """Whether it has a specular lobe."""
         return self.kind.mirrors
+
+    @classmethod
+    def options(cls) -> tuple[str, ...]:
+        """Names of command-line options that describe one."""
+        widths = (ALPHA, ROUGHNESS) if cls.kind.mirrors else ()
+        return tuple(quantity.name for quantity in (*cls.kind.stored, *widths))
 
     @classmethod
     @abstractmethod
@@ -105,7 +110,6 @@ class TrueMetal(TrueMaterial):
     source: str = ""
 
     kind = METAL
-    options = ("metal", "n", "k", "alpha", "roughness")
 
     def __post_init__(self) -> None:
         require("--n", self.n, all(0 < v < math.inf for v in self.n), "three finite numbers > 0")
@@ -113,8 +117,13 @@ class TrueMetal(TrueMaterial):
         _require_finish(self)
 
     @classmethod
+    def options(cls) -> tuple[str, ...]:
+        """Those of its quantities, and the name of a metal in the place of n and k."""
+        return (METAL.name, *super().options())
+
+    @classmethod
     def of_options(cls, given: Mapping[str, Any], distribution: Distribution) -> TrueMetal:
-        finish: dict[str, Any] = {"alpha": given.get("alpha"), "roughness": given.get("roughness")}
+        finish: dict[str, Any] = {quantity.name: given.get(quantity.name) for quantity in (ALPHA, ROUGHNESS)}
         return TrueMetal(**_indices(given), **finish, distribution=distribution)
 
     @staticmethod
@@ -145,7 +154,6 @@ class TrueGlossy(TrueMaterial):
     distribution: Distribution = "ggx"
 
     kind = GLOSSY
-    options = ("color", "reflectance", "alpha", "roughness")
 
     def __post_init__(self) -> None:
         _require_shares(self)
@@ -192,7 +200,6 @@ class TrueMatte(TrueMaterial):
     reflectance: Channels = (1.0, 1.0, 1.0)
 
     kind = MATTE
-    options = ("color", "reflectance")
     alpha: ClassVar[None] = None
     roughness: ClassVar[None] = None
     distribution: ClassVar[None] = None
@@ -232,8 +239,8 @@ def require_shadable(material: TrueMaterial, model: ShadingModel) -> None:
         InputError: it has not; names the command-line option.
     """
     if material.mirrors:
-        wanted, other = ("alpha", "roughness") if model == "mitsuba" else ("roughness", "alpha")
-        _require_one(material, wanted, other, model)
+        wanted, other = (ALPHA, ROUGHNESS) if model == "mitsuba" else (ROUGHNESS, ALPHA)
+        _require_one(material, wanted.name, other.name, model)
     if model == "mitsuba":
         material.require_mitsubas()
 
@@ -247,13 +254,13 @@ def _require_one(material: TrueMaterial, wanted: str, other: str, model: str) ->
 
 def _indices(given: Mapping[str, Any]) -> dict[str, Any]:
     """n, k and where they come from."""
-    found = [key for key in ("metal", "n", "k") if key in given]
+    found = [key for key in (METAL.name, *INDEX) if key in given]
     if "n" not in given and "k" not in given and found:
         known = known_metal(given["metal"])
-        return {"n": known.n, "k": known.k, "metal": known.name, "source": known.source}
+        return {**{key: getattr(known, key) for key in INDEX}, "metal": known.name, "source": known.source}
     told = " and ".join(found) or "without a metal"
-    require("--metal", told, found == ["n", "k"], "either a metal's name, or n and k")
-    return {"n": given["n"], "k": given["k"]}
+    require("--metal", told, found == [*INDEX], "either a metal's name, or n and k")
+    return {key: given[key] for key in INDEX}
 
 
 def _require_given(given: Mapping[str, Any], kind: str, *keys: str) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from fit_material.renderer.materials.bsdf import Channels, Distribution
+from fit_material.renderer.materials.bsdf import Distribution
 from fit_material.renderer.materials.ground_truth import (
     TRUE_TYPES,
     ShadingModel,
@@ -15,55 +15,37 @@ from fit_material.renderer.materials.ground_truth import (
     TrueMetal,
     require,
 )
+from fit_material.shaders.materials.quantities import COLOR, INDEX, REFLECTANCE
 
 DEFAULT_ALPHA = 0.2
 
 
-def true_material(
-    type: str = "auto",
-    *,
-    metal: str | None = None,
-    n: Channels | None = None,
-    k: Channels | None = None,
-    color: Channels | None = None,
-    reflectance: Channels | None = None,
-    alpha: float | None = None,
-    roughness: float | None = None,
-    distribution: Distribution = "ggx",
-) -> TrueMaterial:
-    """The material that is described; None is what was not said.
+def true_material(type: str = "auto", distribution: Distribution = "ggx", **described: Any) -> TrueMaterial:
+    """The material that is described.
 
     Args:
         type: "auto" takes a metal's parameters for a metal, colour with reflectance for glossy, else matte.
-        metal: a name of the catalogue, in the place of `n` and `k`.
-        n, k, color, reflectance, alpha, roughness, distribution: as `renderer.materials.ground_truth` has them.
+        distribution: of the microfacets' normals.
+        described: quantities by their names, as `renderer.materials.ground_truth` has them, and `metal`, a name of the
+            catalogue in the place of `n` and `k`; None is one that is not given.
 
     Raises:
         InputError: too much or too little is said for one material, or a value is out of its range; names the
             command-line option.
     """
-    values = {
-        "metal": metal,
-        "n": n,
-        "k": k,
-        "color": color,
-        "reflectance": reflectance,
-        "alpha": alpha,
-        "roughness": roughness,
-    }
-    given = {key: value for key, value in values.items() if value is not None}
+    given = {key: value for key, value in described.items() if value is not None}
     made = TRUE_TYPES[_type_of(given) if type == "auto" else type]
     for key, value in given.items():
-        expected = f"no {key} for a {made.name} material, which has {', '.join(made.options)}"
-        require(f"--{key}", value, key in made.options, expected)
+        expected = f"no {key} for a {made.name} material, which has {', '.join(made.options())}"
+        require(f"--{key}", value, key in made.options(), expected)
     return made.of_options(given, distribution)
 
 
 def _type_of(given: Mapping[str, Any]) -> str:
-    if given.keys() & {"metal", "n", "k"}:
+    if given.keys() & {TrueMetal.name, *INDEX}:
         return TrueMetal.name
-    require("synth", "without a material", "color" in given, "--metal NAME, --n and --k, or --color")
-    return TrueGlossy.name if "reflectance" in given else TrueMatte.name
+    require("synth", "without a material", COLOR.name in given, "--metal NAME, --n and --k, or --color")
+    return TrueGlossy.name if REFLECTANCE.name in given else TrueMatte.name
 
 
 def shading_model(asked: ShadingModel | None, *materials: TrueMaterial) -> ShadingModel:

@@ -16,6 +16,7 @@ from fit_material.renderer.materials.ground_truth import TrueMaterial
 from fit_material.renderer.scene.scene_file import LightSpec
 from fit_material.renderer.synthesis.camera_placement import View
 from fit_material.renderer.synthesis.viewer_photographer import thesis_material
+from fit_material.shaders.materials.quantities import F0, QUANTITIES
 
 TRUTH, SCENE, MAP = "truth.json", "scene.toml", "environment.exr"
 KNOWN = f"one that the {TRUTH} there lists and nobody has changed"
@@ -126,11 +127,10 @@ def _quoted(text: str) -> str:
 def material_entry(name: str, material: TrueMaterial) -> dict[str, Any]:
     """A material by the names of result.json, None where it has none."""
     f0 = thesis_material(material).f0
-    numbers = ("n", "k", "alpha", "roughness", "color", "reflectance")
     return {
         "name": name,
         "type": material.type,
-        **{key: getattr(material, key, None) for key in numbers},
+        **{key: getattr(material, key, None) for key in QUANTITIES if key != F0.name},
         "f0": None if f0 is None else f0.tolist(),
         "distribution": material.distribution if material.alpha else None,
         "metal": getattr(material, "metal", None) or None,

@@ -1,5 +1,5 @@
 // The thesis's model, put together: a material under the light of one object. Twin of shaders/shade.py;
-// tests/shaders/test_glsl_parity.py keeps the two equal. What renderer/viewer/effects.py does not define is not in the program.
+// tests/shaders/test_glsl_parity.py keeps the two equal. What renderer/opengl/effects.py does not define is not in the program.
 // Needs fresnel.glsl, lobe.glsl and diffuse.glsl before it.
 
 // A point of a surface, as in torch: openness is 1 and tint is white where there is no such map.
@@ -80,7 +80,9 @@ vec3 shade(Point point) {
 #elif defined(GLOSSY)
     vec3 f = schlick(n_dot_v(point), reflectance);
     return energy_guard(color * point.tint, f) * scattered(point) + reflection(f, point);
-#else  // MATTE
+#elif defined(MATTE)
     return color * point.tint * schlick(n_dot_v(point), reflectance) * scattered(point);
+#else
+#error "a type of material without a drawing"
 #endif
 }
