@@ -1,13 +1,15 @@
 """The effects that a picture may need, one list: what each adds, when it is called for, its cost, where its code is.
 
-A further effect is an entry here, a rule in `effects.plan_rules`, and its two implementations. Those that the viewer
-does not draw have none in GLSL; those that are always in its shader have no definition that brings them in.
+A further effect is an entry here, one in `fitter.effects.plan_rules`, and its two implementations; that of the fit may
+be an entry of `fitter.forward.pixel_effects`. Those that the viewer does not draw have none in GLSL; those that are
+always in its shader have no definition that brings them in.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
+
+from fit_material.shaders.registry.registry import Registry
 
 
 @dataclass(frozen=True)
@@ -34,7 +36,7 @@ class Effect:
     definition: str | None = None
 
 
-EFFECTS: tuple[Effect, ...] = (
+EFFECTS = Registry(
     Effect(
         "reflection",
         "the surroundings, mirrored",
@@ -167,6 +169,4 @@ EFFECTS: tuple[Effect, ...] = (
         "fit_material.renderer.rays.pixel_footprint.filled",
     ),
 )
-
-BY_NAME: Mapping[str, Effect] = {effect.name: effect for effect in EFFECTS}
-NAMES: frozenset[str] = frozenset(BY_NAME)
+"""All effects, in the order of plans."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -13,7 +13,8 @@ from torch import Tensor
 
 from fit_material.fitter.effects.one_bounce import returned_light
 from fit_material.fitter.effects.plan import Change
-from fit_material.fitter.forward.lighting import OF_TABLE, Setting
+from fit_material.fitter.effects.plan_rules import RULES
+from fit_material.fitter.forward.lighting import Setting
 from fit_material.fitter.forward.pixel_model import PixelModel
 from fit_material.fitter.least_squares.noise import relative_weight
 from fit_material.fitter.materials.registry import FITTABLE
@@ -30,14 +31,6 @@ PIXELS = 256  # fewer than one in eighty of all is then moved further than the m
 PHOTOGRAPHS = 8
 SAMPLES = 4096  # by which no pixel of a mirror under small lamps seems to move by a hundredth
 ALPHAS = (0.05, 0.2, 0.5)  # from polished to dull
-SHOWN_BY: Mapping[str, Callable[[Material], bool]] = {
-    "blur": lambda material: material.mirrors,
-    "light-reflection": lambda material: material.mirrors,
-    "energy-guard": lambda material: material.mirrors and material.has_body,
-    "ambient-occlusion": lambda material: material.has_body,
-    "exact-fresnel": lambda material: material.mirrors,
-}
-"""Materials that can show an effect; all where it is not among these."""
 
 
 @dataclass(frozen=True)
@@ -116,17 +109,17 @@ class Measurement:
         worst = max(moved, key=lambda each: float(moved[each].max()))
         share = float((moved[worst] > self.tolerance).double().mean())
         itself = f"{self.sample.self_seeing:.1%} of the pixels see the object itself"
-        seen = itself if name in ("self-visibility", "interreflection") else ""
+        seen = itself if RULES[name].between_points else ""
         return Change(float(moved[worst].max()), share, worst, pixels, seen)
 
     def shows(self, name: str, material: str) -> bool:
         """Whether that material can show the effect."""
-        return name not in SHOWN_BY or SHOWN_BY[name](self.materials[material])
+        return RULES[name].shown_by(self.materials[material])
 
     def moved(self, name: str, material: str) -> Float[Tensor, " p"]:
         """Relative change of each pixel."""
         whole, made = self._wholes[material], self.materials[material]
-        if name == "interreflection":
+        if RULES[name].traced:
             returned = returned_light(self.sample.trace, self.sample.middles, self.setting, made)
             return (returned * relative_weight(whole.mean(0) + returned)).amax(-1)
         without = self._halves(self.setting.effects - {name}, made)
@@ -143,7 +136,8 @@ class Measurement:
         key = (effects, material.has_body)
         if key not in self._bare:
             self._bare[key] = setting.pixels(surface, body=key[1])
-        lobe = (effects & OF_TABLE, None if material.width is None else float(material.width.value))
+        of_table = frozenset(each for each in effects if RULES[each].changes_table)
+        lobe = (of_table, None if material.width is None else float(material.width.value))
         if lobe not in self._tables:
             self._tables[lobe] = setting.table_of(material, surface, SAMPLES)
         model = self._bare[key].under(self._tables[lobe])

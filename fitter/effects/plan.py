@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, replace
 
-from fit_material.fitter.effects.plan_rules import NOT_WITH, NOT_WITHOUT, Facts, why_off, why_on
+from fit_material.fitter.effects.plan_rules import RULES, Facts
 from fit_material.renderer.errors.input_error import InputError
-from fit_material.shaders.effects import BY_NAME, EFFECTS, NAMES
+from fit_material.shaders.effects import EFFECTS
 
 _ROUNDING = 1e-6  # relative, of float32's sums
 
@@ -57,15 +57,15 @@ class Plan:
 
     def cost(self, name: str) -> float:
         """Share of the time that an effect takes, or would take, beside all others that are on."""
-        others = sum(BY_NAME[each].cost for each in self.on - {name})
-        own = BY_NAME[name].cost
+        others = sum(EFFECTS[each].cost for each in self.on - {name})
+        own = EFFECTS[name].cost
         return own / (own + others) if own else 0.0
 
     @property
     def avoids(self) -> bool:
         """Whether pixels that the object sends light to are to be left out, since that light is not simulated."""
-        paths = self["interreflection"]
-        return paths.called_for and not paths.on and not paths.overruled
+        paths = (self[rule.name] for rule in RULES.values() if rule.traced)
+        return any(each.called_for and not each.on and not each.overruled for each in paths)
 
     def overruled(self, on: Collection[str], off: Collection[str]) -> Plan:
         """The plan with some effects on or off because somebody wants it so."""
@@ -88,7 +88,7 @@ class Plan:
     def changed(self, before: Plan) -> tuple[list[str], list[str]]:
         """The effects that came, and those that went."""
         came, went = self.on - before.on, before.on - self.on
-        return [name for name in BY_NAME if name in came], [name for name in BY_NAME if name in went]
+        return [name for name in EFFECTS if name in came], [name for name in EFFECTS if name in went]
 
 
 @dataclass(frozen=True)
@@ -137,36 +137,34 @@ def planned(facts: Facts, measure: Measure, tolerance: float) -> Plan:
         measure: by how much each of some effects moves pixels.
         tolerance: relative; what moves a pixel by more is called for.
     """
-    off = {name: why_off(name, facts) for name in BY_NAME}
-    on = why_on(facts)
-    changes = measure([name for name in BY_NAME if off[name] is None and name not in on])
+    off = {name: RULES[name].why_off(facts) for name in EFFECTS}
+    on = {name: RULES[name].on(facts) for name in EFFECTS}
+    changes = measure([name for name in EFFECTS if off[name] is None and on[name] is None])
 
     def decided(name: str) -> Decision:
-        why = off[name]
-        if why is not None:
-            return Decision(name, False, why)
-        if name in on:
-            return Decision(name, True, on[name])
+        for decision, why in ((False, off[name]), (True, on[name])):
+            if why is not None:
+                return Decision(name, decision, why)
         change, wanted = changes[name], changes[name].most > tolerance
-        told, possible = change.told(tolerance), name != "interreflection" or facts.untraced is None
+        told, possible = change.told(tolerance), not RULES[name].traced or facts.untraced is None
         if wanted and not possible:
             told = f"{told}; but {facts.untraced}: pixels that mirror the object are left out instead"
         return Decision(name, wanted and possible, told, change.most, change.share, wanted)
 
-    return Plan(tuple(decided(effect.name) for effect in EFFECTS), tolerance)
+    return Plan(tuple(map(decided, EFFECTS)), tolerance)
 
 
 def require_choosable(on: Collection[str], off: Collection[str]) -> None:
     """Raises InputError for a name that is no effect's, or one that a fit cannot be given or denied."""
     for option, names in (("--with", on), ("--without", off)):
         for name in names:
-            if name not in NAMES:
-                raise InputError(option, value=name, expected=f"an effect: {', '.join(BY_NAME)}")
+            if name not in EFFECTS:
+                raise InputError(option, value=name, expected=f"an effect: {', '.join(EFFECTS)}")
     for name in on:
         if name in off:
             raise InputError("--with", value=name, expected="no effect that --without names as well")
-        if name in NOT_WITH:
-            raise InputError("--with", value=name, expected=f"another effect: this one takes {NOT_WITH[name]}")
+        if (takes := RULES[name].not_with) is not None:
+            raise InputError("--with", value=name, expected=f"another effect: this one takes {takes}")
     for name in off:
-        if name in NOT_WITHOUT:
-            raise InputError("--without", value=name, expected=f"another effect: say {NOT_WITHOUT[name]} instead")
+        if (instead := RULES[name].not_without) is not None:
+            raise InputError("--without", value=name, expected=f"another effect: say {instead} instead")

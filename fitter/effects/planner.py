@@ -17,7 +17,7 @@ from fit_material.fitter.options.fit_options import FitOptions
 from fit_material.renderer.errors.input_error import InputError
 from fit_material.renderer.rays.gbuffer import Tracer
 from fit_material.renderer.rays.occlusion import Occluder, occluder
-from fit_material.shaders.effects import NAMES
+from fit_material.shaders.effects import EFFECTS
 from fit_material.shaders.materials.kinds import KINDS, MaterialType
 from fit_material.shaders.materials.types import Material
 from fit_material.shaders.materials.widths import Blur, Microfacet
@@ -77,7 +77,7 @@ class Planner:
         materials = possible(types, Blur if fidelity.blurs else Microfacet) if found is None else found
 
         def measured(names: Collection[str]) -> Mapping[str, Change]:
-            everything = replace(self.setting, occluder=self.occluder, effects=NAMES)
+            everything = replace(self.setting, occluder=self.occluder, effects=frozenset(EFFECTS))
             return Measurement(self.sample, everything, materials, tolerance).changes(names)
 
         wanted = (*options.wanted, *(("interreflection",) if options.polish else ()))

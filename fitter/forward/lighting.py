@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import TYPE_CHECKING
 
@@ -11,8 +11,8 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
+from fit_material.fitter.forward.pixel_effects import PIXEL_EFFECTS, SeenPixels
 from fit_material.fitter.forward.pixel_model import DIFFUSE_DEGREE, PixelModel, central, exact_pixels, viewer_pixels
-from fit_material.fitter.forward.textured_pixels import TintedPixels
 from fit_material.fitter.observations.scene_data import Loaded
 from fit_material.fitter.options.fidelity import Fidelity
 from fit_material.fitter.options.fit_options import FitOptions
@@ -29,7 +29,7 @@ from fit_material.renderer.rays.occlusion import Occluder
 from fit_material.renderer.rays.pixel_footprint import middle
 from fit_material.renderer.scene.lights import directional_light
 from fit_material.renderer.viewer_model.viewer_light import Surroundings, surroundings
-from fit_material.shaders.effects import NAMES
+from fit_material.shaders.effects import EFFECTS
 from fit_material.shaders.lights import DirectionalLight
 from fit_material.shaders.materials.fresnel_models import REFLECTANCES
 from fit_material.shaders.materials.types import Material
@@ -40,7 +40,6 @@ if TYPE_CHECKING:
 DIFFUSE_FACE_SIZE = 48  # texels of 1.9°: under softboxes 4e-4 of the light in the root mean square, most of it where
 DIFFUSE_MARGIN = 3  # one of them sets; a tenth of that in the lit half, as much as `diffuse_table`'s blocks leave
 MOST_DIFFUSE = 6 * (DIFFUSE_FACE_SIZE + 2 * DIFFUSE_MARGIN) ** 2  # pixels: of more, it is looked up by their normals
-OF_TABLE = frozenset({"blur", "pixel-footprint", "self-visibility"})  # effects by which a light table differs
 MOST_OCCLUDED = 2000  # pixels of a picture for which rays look in all directions; of more, in a few
 
 
@@ -66,7 +65,7 @@ class Setting:
     sources: tuple[DirectionalLight, ...]
     fidelity: Fidelity
     seed: int = 0
-    effects: frozenset[str] = NAMES
+    effects: frozenset[str] = field(default_factory=lambda: frozenset(EFFECTS))
     occluder: Occluder | None = None
     color_map: Texture | None = None
     openness: tuple[Texture | None, ...] = ()
@@ -92,13 +91,14 @@ class Setting:
             body: whether diffuse light is integrated.
             shown: whether it is for pictures to look at, whose ambient occlusion may be known to a few per cent.
         """
-        model = self._even_pixels(self._rays(surface), body, shown)
-        if self.color_map is None or "color-map" not in self.effects or not body:
-            return model
-        return TintedPixels(model, lookup(self.color_map, surface.uv).double().mean(1))
+        model = self._plain_pixels(self._rays(surface), body, shown)
+        seen = SeenPixels(surface, body, self.color_map)
+        for effect in PIXEL_EFFECTS.values():
+            model = effect.applied(model, seen) if effect.name in self.effects else model
+        return model
 
-    def _even_pixels(self, surface: GBuffer, body: bool, shown: bool) -> PixelModel:
-        """The model of pixels in one colour."""
+    def _plain_pixels(self, surface: GBuffer, body: bool, shown: bool) -> PixelModel:
+        """The model of pixels in one colour, without effects that follow from it."""
         reflectance = REFLECTANCES[self.fidelity.reflectance]
         if self.fidelity.blurs:
             openness = self._mapped_openness(central(surface))

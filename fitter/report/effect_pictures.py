@@ -7,6 +7,7 @@ from dataclasses import replace
 from jaxtyping import Float
 from torch import Tensor
 
+from fit_material.fitter.effects.plan_rules import RULES
 from fit_material.fitter.fitted.part import FittedPart, painted
 from fit_material.fitter.fitted.planned import PlannedFit
 from fit_material.fitter.forward.lighting import Setting
@@ -19,8 +20,6 @@ from fit_material.shaders.materials.types import Material
 SIDE = 96  # pixels along a strip's pictures at most
 SAMPLES = 128
 FOOTPRINT = 2
-ALWAYS = frozenset({"horizon", "normal-map", "double-bounce"})
-"""Effects that no picture of a fit is without."""
 
 
 def strips(planned: PlannedFit, thumbnail: Thumbnail, trace: Tracer) -> list[ViewPictures]:
@@ -42,7 +41,7 @@ def strips(planned: PlannedFit, thumbnail: Thumbnail, trace: Tracer) -> list[Vie
 
     whole = picture(None)
     shown, drawn = whole.radiance.numpy(), whole.mask.numpy()
-    names = [each.name for each in planned.plan.decisions if each.on and each.name not in ALWAYS]
+    names = [each.name for each in planned.plan.decisions if each.on and not RULES[each.name].always]
     return [ViewPictures(name, shown, picture(name).radiance.numpy(), drawn) for name in names]
 
 

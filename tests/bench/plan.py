@@ -31,7 +31,7 @@ from fit_material.renderer.rays.occlusion import Occluder
 from fit_material.renderer.scene.lights import directional_light
 from fit_material.renderer.synthesis.camera_placement import View, views
 from fit_material.renderer.synthesis.scene_writer import scene_toml
-from fit_material.shaders.effects import EFFECTS, NAMES
+from fit_material.shaders.effects import EFFECTS
 from fit_material.shaders.materials.types import Metal
 from fit_material.shaders.materials.widths import Microfacet
 from fit_material.shaders.optics.fresnel import normal_reflectance
@@ -39,6 +39,7 @@ from tests.support import bowl as golden
 from tests.support.plan_scenes import LAMP, row_of_balls, torus, write_obj
 
 SIZE, SPP = 64, 512
+ALL = frozenset(EFFECTS)
 FIDELITY = replace(PRESETS["standard"], pixels=1500, samples=512)
 EVERYTHING = ("self-visibility", "interreflection", "ambient-occlusion", "light-reflection", "pixel-footprint")
 REPEATS = 3  # of which the soonest counts: other processes only slow a fit down
@@ -102,7 +103,7 @@ def cost_rows() -> Iterator[str]:
     plain = Setting(golden.light(), (), PRESETS["standard"])
     lit = replace(plain, sources=(directional_light(LAMP),))
     hidden = replace(plain, occluder=Occluder.of(torus()))
-    few = plain.simulating(NAMES - {"pixel-footprint"})
+    few = plain.simulating(ALL - {"pixel-footprint"})
     scene = DifferentiableScene(torus(), golden.light(), (), [GOLD])
 
     def table(setting: Setting) -> Callable[[], object]:
@@ -116,7 +117,7 @@ def cost_rows() -> Iterator[str]:
     )
     lamp = [_seconds(lambda each=each: each.pixels(surface, False).under(None)) for each in (lit, plain)]
     found = {
-        "reflection": _seconds(lambda: plain.simulating(NAMES - {"blur"}).table(surface, (0.2, 0.2, 1), 1)),
+        "reflection": _seconds(lambda: plain.simulating(ALL - {"blur"}).table(surface, (0.2, 0.2, 1), 1)),
         "blur": lobe,
         "light-reflection": max(0.0, lamp[0] - lamp[1]),
         "diffuse-irradiance": body - bare,
@@ -127,7 +128,7 @@ def cost_rows() -> Iterator[str]:
     }
     yield "| effect | s | over blur's | in the list |"
     yield "|---|---|---|---|"
-    for effect in EFFECTS:
+    for effect in EFFECTS.values():
         if effect.name in found:
             seconds = found[effect.name]
             yield f"| {effect.name} | {seconds:.3f} | {seconds / lobe:.2g} | {effect.cost:g} |"

@@ -9,19 +9,20 @@ from importlib import resources
 import pytest
 
 from fit_material.fitter.effects.plan import planned
-from fit_material.fitter.effects.plan_rules import NOT_WITH, NOT_WITHOUT, Facts
-from fit_material.shaders.effects import BY_NAME, EFFECTS, Effect
+from fit_material.fitter.effects.plan_rules import RULES, Facts
+from fit_material.fitter.forward.pixel_effects import PIXEL_EFFECTS
+from fit_material.shaders.effects import EFFECTS, Effect
 
 CONTRACT = """
 reflection blur horizon light-reflection diffuse-irradiance energy-guard normal-map color-map ambient-occlusion
 double-bounce captured-neighbours depth-scaled-blur self-visibility interreflection exact-fresnel pixel-footprint
 """
 NOTHING = Facts(frozenset({"matte"}), 0, True, False, "conductor", 1)
-each = pytest.mark.parametrize("effect", EFFECTS, ids=lambda effect: effect.name)
+each = pytest.mark.parametrize("effect", EFFECTS.values(), ids=EFFECTS)
 
 
 def test_the_names_are_the_contracts():
-    assert [effect.name for effect in EFFECTS] == CONTRACT.split()
+    assert [*EFFECTS] == CONTRACT.split()
 
 
 @each
@@ -54,5 +55,6 @@ def test_an_effect_has_a_rule_and_words(effect: Effect):
     assert effect.cost >= 0
 
 
-def test_what_cannot_be_chosen_is_in_the_list():
-    assert {*NOT_WITH, *NOT_WITHOUT} <= {*BY_NAME}
+def test_the_fit_has_rules_for_all_and_an_implementation_of_no_other():
+    assert [*RULES] == [*EFFECTS]
+    assert {*PIXEL_EFFECTS} <= {*EFFECTS}

@@ -15,7 +15,7 @@ from fit_material.fitter.commands.plan import json_text, text
 from fit_material.fitter.effects.plan import Change, Plan, planned, require_choosable
 from fit_material.fitter.effects.plan_rules import Facts
 from fit_material.renderer.errors.input_error import InputError
-from fit_material.shaders.effects import BY_NAME, EFFECTS, NAMES
+from fit_material.shaders.effects import EFFECTS
 
 METAL, MATTE = frozenset({"metal"}), frozenset({"matte"})
 EVERY = frozenset({"metal", "glossy", "matte"})
@@ -98,7 +98,7 @@ def test_the_bound_is_wilkss(pixels):
     assert (1 - Change(0, 0, "", pixels).beyond) ** pixels == pytest.approx(0.05, rel=1e-6)
 
 
-@given(on=st.sets(st.sampled_from(sorted(NAMES))), off=st.sets(st.sampled_from(sorted(NAMES))))
+@given(on=st.sets(st.sampled_from(sorted(EFFECTS))), off=st.sets(st.sampled_from(sorted(EFFECTS))))
 def test_a_word_of_the_user_overrules_and_says_so(on, off):
     before, off = plan(most=0.001), off - on
     after = before.overruled(tuple(on), tuple(off))
@@ -114,12 +114,12 @@ def test_what_came_and_went_is_told_in_the_lists_order():
     came, went = one.changed(other)
     assert set(came) == one.on - other.on
     assert not went
-    assert came == [name for name in BY_NAME if name in came]
+    assert came == [name for name in EFFECTS if name in came]
 
 
 def test_cost_is_the_share_of_an_effects_time_beside_what_is_on():
     made = plan(replace(OPEN, kinds=frozenset({"metal"}), convex=True, lights=0))
-    times = {effect.name: effect.cost for effect in EFFECTS}
+    times = {name: effect.cost for name, effect in EFFECTS.items()}
     whole = sum(times[name] for name in made.on)
     assert made.cost("blur") == pytest.approx(times["blur"] / whole)
     assert made.cost("interreflection") == pytest.approx(times["interreflection"] / (whole + times["interreflection"]))
@@ -144,14 +144,14 @@ def test_what_cannot_be_chosen_is_refused(on, off, sentence):
 
 def test_json_is_the_contracts():
     effects = json.loads(json_text(plan()))["effects"]
-    assert [effect["name"] for effect in effects] == list(BY_NAME)
+    assert [effect["name"] for effect in effects] == list(EFFECTS)
     assert all(set(effect) == {"name", "on", "why", "share", "cost"} for effect in effects)
     assert {effect["name"]: effect["share"] for effect in effects}["self-visibility"] == 0.31
 
 
 def test_a_line_for_each_effect():
     lines = text(plan()).splitlines()
-    assert [line.split()[0] for line in lines[1:-1]] == list(BY_NAME)
+    assert [line.split()[0] for line in lines[1:-1]] == list(EFFECTS)
     assert lines[-1] == "An effect is called for where it moves a pixel by more than 0.01 of its light."
 
 

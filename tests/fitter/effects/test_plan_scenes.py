@@ -24,7 +24,7 @@ from fit_material.renderer.path_tracing.differentiable_scene import require_vari
 from fit_material.renderer.path_tracing.path_tracer import render
 from fit_material.renderer.rays import gbuffer
 from fit_material.renderer.rays.pixel_footprint import middle
-from fit_material.shaders.effects import NAMES
+from fit_material.shaders.effects import EFFECTS
 from fit_material.shaders.materials.types import Metal
 from fit_material.shaders.materials.widths import Microfacet
 from tests.renderer.rays.test_occlusion import CAMERA, inside, tensor
@@ -79,7 +79,7 @@ def test_what_was_bounded_on_a_sample_holds_for_other_pixels(name, planner_of):
     kinds = kinds_of(planner.loaded, planner.options)
     plan, materials = planner.plan(kinds), possible([kind for kind in kinds if kind is not None])
     other = Sample.of(planner.loaded.photographs, planner.trace, 4, AGAIN)
-    everything = replace(planner.setting, occluder=planner.occluder, effects=NAMES)
+    everything = replace(planner.setting, occluder=planner.occluder, effects=frozenset(EFFECTS))
     again = Measurement(other, everything, materials, TOLERANCE)
     decisions = [each for each in plan.decisions if each.most is not None]
     assert decisions

@@ -20,7 +20,7 @@ from fit_material.renderer.path_tracing.path_tracer import passes
 from fit_material.renderer.rays import gbuffer
 from fit_material.renderer.rays.gbuffer import GBuffer
 from fit_material.renderer.rays.occlusion import Occluder, is_convex, occluder
-from fit_material.shaders.effects import NAMES
+from fit_material.shaders.effects import EFFECTS
 from fit_material.shaders.lights import DirectionalLight
 from fit_material.shaders.materials.types import Material, Matte, Metal
 from fit_material.shaders.materials.widths import Microfacet
@@ -30,6 +30,7 @@ from tests.support import bowl as golden
 pytestmark = pytest.mark.dr_jit
 
 SIZE, PASSES, SPP = 12, 8, 512
+ALL = frozenset(EFFECTS)
 CAMERA = golden.looks()[0].camera(SIZE)
 WHITE = (1.0, 1.0, 1.0)
 LAMP = DirectionalLight(
@@ -102,12 +103,12 @@ def test_a_table_with_rays_has_the_direct_light_of_mitsuba(alpha):
     assert open_to_all.mean() > 1.2 * expected.mean()
 
 
-@pytest.mark.parametrize("effect", sorted(NAMES))
+@pytest.mark.parametrize("effect", sorted(EFFECTS))
 def test_a_light_table_differs_by_the_effects_that_are_said_to_change_it(effect):
     """Plans make one table for all others."""
     metal, surface = Metal(tensor(golden.N), tensor(golden.K), Microfacet(tensor(0.3))), inside()[0][:16]
     setting = Setting(golden.light(), (LAMP,), PRESETS["standard"], occluder=occluder(golden.bowl()))
-    found, without = (setting.simulating(effects).table_of(metal, surface, 64) for effects in (NAMES, NAMES - {effect}))
+    found, without = (setting.simulating(effects).table_of(metal, surface, 64) for effects in (ALL, ALL - {effect}))
     same = found.light.shape == without.light.shape and torch.equal(found.light, without.light)
     assert same == (effect not in OF_TABLE)
 
