@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 import torch
 
-from fit_material.fitter.forward.lighting import OF_TABLE, Setting
+from fit_material.fitter.effects.plan_rules import RULES
+from fit_material.fitter.forward.lighting import Setting
 from fit_material.fitter.options.fidelity import PRESETS
 from fit_material.renderer.geometry.mesh import Sphere
 from fit_material.renderer.light_kernel.table import fused_available
@@ -110,7 +111,7 @@ def test_a_light_table_differs_by_the_effects_that_are_said_to_change_it(effect)
     setting = Setting(golden.light(), (LAMP,), PRESETS["standard"], occluder=occluder(golden.bowl()))
     found, without = (setting.simulating(effects).table_of(metal, surface, 64) for effects in (ALL, ALL - {effect}))
     same = found.light.shape == without.light.shape and torch.equal(found.light, without.light)
-    assert same == (effect not in OF_TABLE)
+    assert same == (not RULES[effect].changes_table)
 
 
 def test_a_diffuse_body_has_the_direct_light_of_mitsuba_lamp_included():
