@@ -7,6 +7,7 @@ is of the variant that is current then. Nothing made under one variant can be us
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Any
 
@@ -19,9 +20,10 @@ from fit_material.renderer.environment.environment import Environment
 from fit_material.renderer.errors.input_error import InputError
 from fit_material.renderer.geometry.mesh import Mesh, Shape, Sphere
 from fit_material.renderer.materials.ground_truth import Channels, Distribution, TrueMaterial
-from fit_material.shaders.lights import DirectionalLight
+from fit_material.shaders.lights import DirectionalLight, Light
 from fit_material.shaders.materials.quantities import MaterialType
 from fit_material.shaders.optics.fresnel import index_limit
+from fit_material.shaders.registry.registry import Registry
 
 Bsdf = dict[str, Any]
 
@@ -179,6 +181,27 @@ def directional(light: DirectionalLight) -> dict[str, Any]:
         "direction": (-light.towards).tolist(),
         "irradiance": _rgb((torch.pi * light.radiance).tolist()),
     }
+
+
+@dataclass(frozen=True)
+class Emitter:
+    """A type of light in Mitsuba's terms.
+
+    Attributes:
+        name: the `kind` of the light.
+        made: from the light to Mitsuba's dictionary.
+    """
+
+    name: str
+    made: Callable[[Any], dict[str, Any]]
+
+
+EMITTERS = Registry(Emitter("directional", directional))
+
+
+def emitters(lights: Sequence[Light]) -> dict[str, dict[str, Any]]:
+    """Lights as entries of a Mitsuba scene."""
+    return {f"light_{i}": EMITTERS[light.kind].made(light) for i, light in enumerate(lights)}
 
 
 def mitsuba_shape(shape: Shape, bsdf: Bsdf | None = None) -> Any:
