@@ -170,8 +170,9 @@ def _nearest(key: str, known: Sequence[str]) -> str:
     return f"a known key, the nearest is {nearest[0]}" if nearest else f"one of the keys {', '.join(known)}"
 
 
+MISSING = "a value here, but it is missing"
 _EXPECTED = {
-    "missing": "a value here, but it is missing",
+    "missing": MISSING,
     "model_type": "a table",
     "tuple_type": "a list",
     "too_short": "at least one entry",

@@ -11,7 +11,7 @@ from typing import Annotated, Any
 import torch
 from pydantic import AfterValidator, Field, PlainValidator, SerializeAsAny, Strict, ValidationInfo
 
-from fit_material.renderer.files.validation import Checked, Vector, check, check_within, one_of, unexpected
+from fit_material.renderer.files.validation import MISSING, Checked, Vector, check, check_within, one_of, unexpected
 from fit_material.renderer.scene.fittable_values import LARGEST
 from fit_material.shaders.lights import DirectionalLight, Light
 from fit_material.shaders.registry.registry import Registry
@@ -81,9 +81,11 @@ def _by_type(data: Any, info: ValidationInfo) -> LightSpec:
     """A table by the schema of its type, which the registry has at the time of reading."""
     if isinstance(data, LightSpec):
         return data
-    kind = data.get("type") if isinstance(data, dict) else None
-    if kind is None:
-        return check_within(LightSpec, data, info)
+    if not isinstance(data, dict):
+        return check_within(LightSpec, data, info)  # which says that it should be a table
+    if "type" not in data:
+        raise unexpected(MISSING, key="type", value="")
+    kind = data["type"]
     if not isinstance(kind, str) or kind not in LIGHTS:
         raise unexpected(one_of(LIGHTS), key="type", value=kind)
     return check_within(LIGHTS[kind].spec, data, info)
