@@ -10,6 +10,7 @@
 from __future__ import annotations
 
 import functools
+import math
 import operator
 from abc import ABC, abstractmethod
 from collections.abc import Callable
@@ -19,7 +20,7 @@ from typing import assert_never
 from jaxtyping import Float
 from torch import Tensor
 
-from fit_material.shaders.lights import DirectionalLight
+from fit_material.shaders.lights import Incident, Light
 from fit_material.shaders.materials.fresnel_models import viewer_reflectance
 from fit_material.shaders.materials.lobes import Blurred, Diffuse, ThesisLobe
 from fit_material.shaders.materials.material import MaterialReflectance
@@ -39,12 +40,14 @@ class Points:
         view: unit direction to the viewer.
         openness: ambient occlusion, 1 open to 0 closed; None where there is no such map.
         tint: the colour map's value, which multiplies `color`; None where there is no map.
+        position: in world space; may be left out where all lights are directional.
     """
 
     normal: Float[Tensor, "*p 3"]
     view: Float[Tensor, "*p 3"]
     openness: Float[Tensor, "*p 1"] | None = None
     tint: Float[Tensor, "*p 3"] | None = None
+    position: Float[Tensor, "*p 3"] | None = None
 
     @property
     def n_dot_v(self) -> Float[Tensor, "*p 1"]:
@@ -56,17 +59,22 @@ class Points:
         """r = 2(n·v)n - v, the mirrored view."""
         return 2 * (self.normal * self.view).sum(-1, keepdim=True) * self.normal - self.view
 
+    def lit_by(self, light: Light) -> Incident:
+        """The light that arrives from one source; NaN where that depends on a position that is unknown."""
+        position = self.position
+        return light.at(self.normal.new_full(self.normal.shape, math.nan) if position is None else position)
+
 
 class Illumination(ABC):
     """The light that falls on one object.
 
     Attributes:
         ambient: coefficients for `diffuse.ambient`.
-        sources: directional lights.
+        sources: lights beside the environment.
     """
 
     ambient: Float[Tensor, "9 3"]
-    sources: tuple[DirectionalLight, ...]
+    sources: tuple[Light, ...]
 
     @abstractmethod
     def blurred(self, r: Float[Tensor, "*p 3"], rho: Float[Tensor, ""]) -> Float[Tensor, "*p 3"]:
@@ -74,7 +82,7 @@ class Illumination(ABC):
 
 
 @dataclass(frozen=True)
-class Light(Illumination):
+class EnvironmentLight(Illumination):
     """Light of an environment that is looked up.
 
     Attributes:
@@ -85,7 +93,7 @@ class Light(Illumination):
     radiance: Lookup
     ambient: Float[Tensor, "9 3"]
     depth: DepthLookup | None = None
-    sources: tuple[DirectionalLight, ...] = ()
+    sources: tuple[Light, ...] = ()
 
     def blurred(self, r: Float[Tensor, "*p 3"], rho: Float[Tensor, ""]) -> Float[Tensor, "*p 3"]:
         return blur.blur(self.radiance, r, rho if self.depth is None else rho * self.depth(r))
@@ -123,7 +131,8 @@ def reflection(
     r = points.reflected
     blurred = light.blurred(r, roughness)
     for source in light.sources:
-        blurred = blurred + source.radiance.to(r) * blur.light_reflection(r, source.towards, roughness)
+        incident = points.lit_by(source)
+        blurred = blurred + incident.radiance * blur.light_reflection(r, incident.towards, roughness)
     return double_bounce(f, points.openness) * blurred
 
 
@@ -138,6 +147,6 @@ def scattered(points: Points, light: Illumination) -> Float[Tensor, "*p 3"]:
     if points.openness is not None:
         found = found * points.openness
     for source in light.sources:
-        towards, radiance = source.towards.to(points.normal), source.radiance.to(points.normal)
-        found = found + radiance * (points.normal * towards).sum(-1, keepdim=True).clamp_min(0)
+        incident = points.lit_by(source)
+        found = found + incident.radiance * (points.normal * incident.towards).sum(-1, keepdim=True).clamp_min(0)
     return found

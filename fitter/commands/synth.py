@@ -74,7 +74,7 @@ def synth(
         if materials is None
         else _true_materials(materials, asked, said)
     )
-    from fit_material.renderer.scene.scene_file import light_option  # after the slips that need no torch
+    from fit_material.renderer.scene.lights import light_option  # after the slips that need no torch
     from fit_material.renderer.synthesis.synthesise import SynthOptions, synthesise
 
     options = SynthOptions(

@@ -65,7 +65,8 @@ def viewer_roughness(
     surface = central(observed.surface[::every])
     seen = observed.radiance[::every].numpy()
     white = white_point(seen)
-    points = Points(surface.normal, surface.view, tint=None if tint is None else tint[::every])
+    tint = None if tint is None else tint[::every]
+    points = Points(surface.normal, surface.view, tint=tint, position=surface.position)
     of_environment = far_light(light)
 
     def residual(rho: float) -> Float[np.ndarray, "p 3"]:

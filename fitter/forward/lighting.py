@@ -27,10 +27,10 @@ from fit_material.renderer.light_tables.mirror_table import mirror_table
 from fit_material.renderer.rays.gbuffer import GBuffer
 from fit_material.renderer.rays.occlusion import Occluder
 from fit_material.renderer.rays.pixel_footprint import middle
-from fit_material.renderer.scene.lights import directional_light
+from fit_material.renderer.scene.lights import light_of
 from fit_material.renderer.viewer_model.viewer_light import Surroundings, surroundings
 from fit_material.shaders.effects import EFFECTS
-from fit_material.shaders.lights import DirectionalLight
+from fit_material.shaders.lights import Light
 from fit_material.shaders.materials.fresnel_models import REFLECTANCES
 from fit_material.shaders.materials.types import Material
 
@@ -49,7 +49,7 @@ class Setting:
 
     Attributes:
         environment: the surroundings; light is integrated on their device.
-        sources: directional lights.
+        sources: lights beside the environment.
         fidelity: how accurately.
         seed: of the integration.
         effects: the names of those that are simulated, of `shaders.effects`.
@@ -62,7 +62,7 @@ class Setting:
     """
 
     environment: Environment
-    sources: tuple[DirectionalLight, ...]
+    sources: tuple[Light, ...]
     fidelity: Fidelity
     seed: int = 0
     effects: frozenset[str] = field(default_factory=lambda: frozenset(EFFECTS))
@@ -229,6 +229,6 @@ def setting_of(loaded: Loaded, options: FitOptions, device: torch.device) -> Set
     fidelity = options.fidelity
     radiance = box_filtered(loaded.environment.radiance, fidelity.environment_size)
     environment = replace(loaded.environment, radiance=radiance.to(device, getattr(torch, fidelity.dtype)))
-    sources = tuple(directional_light(light) for light in loaded.scene.lights)
+    sources = tuple(light_of(light) for light in loaded.scene.lights)
     openness = tuple(each.ambient_occlusion for each in loaded.maps)
     return Setting(environment, sources, options.fidelity, options.seed, openness=openness)

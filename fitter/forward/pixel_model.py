@@ -19,7 +19,7 @@ from fit_material.renderer.light_tables import irradiance_table, light_table
 from fit_material.renderer.light_tables.light_table import LightTable
 from fit_material.renderer.rays.gbuffer import GBuffer
 from fit_material.renderer.rays.occlusion import Occluder
-from fit_material.shaders.lights import DirectionalLight
+from fit_material.shaders.lights import Light
 from fit_material.shaders.materials.fresnel_models import exact_reflectance, viewer_reflectance
 from fit_material.shaders.materials.lobes import Diffuse, Factor, MicrofacetLobe, Specular
 from fit_material.shaders.materials.material import MaterialReflectance
@@ -101,42 +101,52 @@ def _interpolated(factor: Factor, cosines: Float[Tensor, "p k"]) -> Float[Tensor
 
 @dataclass(frozen=True)
 class DirectLight:
-    """One directional light on the rays inside each pixel: cosines [p, k], and its irradiance.
+    """One light on the rays inside each pixel: cosines [p, k], and its irradiance on a surface that faces it.
 
     Attributes:
         cos_v, cos_l, cos_h: of view, light and half vector against the normal; cos_l is 0 below the horizon.
         cos_d: of the half vector against the view.
-        irradiance: on a surface that faces the light.
+        irradiance: the largest within each pixel.
+        falloff: irradiance of each ray over that, 1 of a directional light.
     """
 
     cos_v: Float[Tensor, "p k"]
     cos_l: Float[Tensor, "p k"]
     cos_h: Float[Tensor, "p k"]
     cos_d: Float[Tensor, "p k"]
-    irradiance: Float[Tensor, "3"]
+    irradiance: Float[Tensor, "p 3"]
+    falloff: Float[Tensor, "p k 3"]
 
     @staticmethod
-    def of(surface: GBuffer, source: DirectionalLight, occluder: Occluder | None = None) -> DirectLight:
+    def of(surface: GBuffer, source: Light, occluder: Occluder | None = None) -> DirectLight:
         """The light on a surface; none of it where something stands before it."""
-        towards = source.towards.to(surface.normal)
+        incident = source.at(surface.position.double())
+        towards = incident.towards.to(surface.normal)
         half = torch.nn.functional.normalize(surface.view + towards, dim=-1)
         cosines = ((surface.normal * towards).sum(-1), (surface.normal * half).sum(-1), (surface.view * half).sum(-1))
         cos_l, cos_h, cos_d = (cosine.clamp(0, 1) for cosine in cosines)
         if occluder is not None:
-            cos_l = cos_l * occluder.free(occluder.origins(surface), towards)
-        return DirectLight(surface.n_dot_v, cos_l, cos_h.clamp_min(1e-6), cos_d, math.pi * source.radiance.double())
+            cos_l = cos_l * occluder.free(occluder.origins(surface), towards, incident.distance)
+        irradiance = math.pi * incident.radiance
+        largest = irradiance.amax(1)
+        falloff = irradiance / largest[:, None].clamp_min(torch.finfo(largest.dtype).tiny)
+        return DirectLight(surface.n_dot_v, cos_l, cos_h.clamp_min(1e-6), cos_d, largest, falloff)
 
     def reflected(
         self, reflectance: Factor, alpha: Float[Tensor, ""], distribution: microfacets.Distribution
     ) -> Float[Tensor, "p 3"]:
         """E · F D G / (4 n·v), the mean over each pixel."""
         facets = microfacets.reflected(self.cos_v, self.cos_l, self.cos_h, alpha, distribution)
-        return self.irradiance * (reflectance(self.cos_d[..., None]) * facets[..., None]).mean(1)
+        return self.irradiance * (reflectance(self.cos_d[..., None]) * facets[..., None] * self.falloff).mean(1)
 
     def scattered(self, towards_view: Factor, towards_light: Factor) -> Float[Tensor, "p 3"]:
         """E · cos/π of a white body, by a factor of n·l on the way in and one of n·v on the way out."""
         passed = _interpolated(towards_light, self.cos_l) * _interpolated(towards_view, self.cos_v)
-        return self.irradiance / math.pi * (passed * self.cos_l[..., None]).mean(1)
+        return self.irradiance / math.pi * (passed * self.cos_l[..., None] * self.falloff).mean(1)
+
+    def received(self) -> Float[Tensor, "p 3"]:
+        """E · cos/π of a white Lambertian body, the mean over each pixel."""
+        return (self.cos_l[..., None] * self.falloff).mean(1) * self.irradiance / math.pi
 
 
 @dataclass(frozen=True)
@@ -147,10 +157,10 @@ class ExactPixels(MixedPixels):
         table: of `transport.microfacet_table`.
         light: its mean.
         body: the diffuse light; None where there is nothing to scatter it.
-        sources: directional lights.
+        sources: lights beside the environment.
         distribution: of the microfacets.
         reflectance: of each facet.
-        highlights: whether the facets mirror the directional lights.
+        highlights: whether the facets mirror these lights.
     """
 
     table: LightTable | None
@@ -163,7 +173,7 @@ class ExactPixels(MixedPixels):
 
     @property
     def mirrored(self) -> tuple[DirectLight, ...]:
-        """The directional lights that the facets mirror."""
+        """The lights beside the environment that the facets mirror."""
         return self.sources if self.highlights else ()
 
     def under(self, table: LightTable | None) -> ExactPixels:
@@ -189,7 +199,7 @@ class ExactPixels(MixedPixels):
         assert_never(lobe)
 
     def mixing(self, material: Material) -> Float[Tensor, "q 3"] | None:
-        """Level weights times Fresnel coefficients, for one specular lobe that no directional light falls on."""
+        """Level weights times Fresnel coefficients, for one specular lobe that the environment alone falls on."""
         if material.has_body or self.mirrored or self.light is None or self.table is None:
             return None
         (lobe,) = self._lobes(material)
@@ -237,7 +247,7 @@ class BlurredByTable(Illumination):
     table: LightTable | None
     mean: Float[Tensor, "a p 3"] | None
     ambient: Float[Tensor, "9 3"]
-    sources: tuple[DirectionalLight, ...] = ()
+    sources: tuple[Light, ...] = ()
 
     def blurred(self, r: Float[Tensor, "p 3"], rho: Float[Tensor, ""]) -> Float[Tensor, "p 3"]:
         assert self.table is not None
@@ -273,7 +283,7 @@ class ViewerPixels(PixelModel):
 def exact_pixels(
     surface: GBuffer,
     diffuse: Float[Tensor, "p b 3"] | None,
-    sources: Sequence[DirectionalLight],
+    sources: Sequence[Light],
     distribution: microfacets.Distribution,
     reflectance: MaterialReflectance,
     occluder: Occluder | None = None,
@@ -284,7 +294,7 @@ def exact_pixels(
     Args:
         surface: [p, k] rays inside each pixel.
         diffuse: `Body.light`; None where there is nothing to scatter it.
-        sources: directional lights.
+        sources: lights beside the environment.
         distribution: of the microfacets.
         reflectance: of each facet.
         occluder: what may stand before the sources; None where nothing does.
@@ -301,7 +311,7 @@ def exact_pixels(
 def viewer_pixels(
     surface: GBuffer,
     ambient: Float[Tensor, "9 3"],
-    sources: Sequence[DirectionalLight],
+    sources: Sequence[Light],
     reflectance: MaterialReflectance,
     openness: Float[Tensor, "p 1"] | None = None,
 ) -> ViewerPixels:
@@ -309,7 +319,7 @@ def viewer_pixels(
     centre = central(surface)
     light = BlurredByTable(None, None, ambient, tuple(sources))
     open_ = None if openness is None else openness.nan_to_num(1.0)
-    return ViewerPixels(Points(centre.normal, centre.view, open_), light, reflectance)
+    return ViewerPixels(Points(centre.normal, centre.view, open_, None, centre.position), light, reflectance)
 
 
 def central(surface: GBuffer) -> GBuffer:

@@ -38,7 +38,7 @@ class DiffuseLight:
         places: where it is known.
         share: of the light that the far surroundings would send if nothing hid them, what arrives, in [0, 1], [n, 3].
         returned: light by way of the object itself, [n, 3].
-        total: all light, that of directional lights included, [n, 3].
+        total: all light, that of lights beside the environment included, [n, 3].
         albedo: by which the object returns it.
     """
 

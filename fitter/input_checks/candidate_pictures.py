@@ -28,7 +28,7 @@ from fit_material.renderer.light_tables.light_table import microfacet_table
 from fit_material.renderer.rays import gbuffer
 from fit_material.renderer.rays.gbuffer import GBuffer
 from fit_material.renderer.rays.pixel_footprint import middle
-from fit_material.shaders.lights import DirectionalLight
+from fit_material.shaders.lights import Light
 
 COLUMNS = 1024  # of the map, at most
 ALPHAS = (0.02, 0.9, 9)  # ends and number of the table's levels
@@ -65,21 +65,21 @@ class Pictures:
 
 
 @dataclass(frozen=True)
-class Light:
+class CoarseLight:
     """The light of a scene, as coarse as the pictures need it.
 
     Attributes:
         environment: the scene's own map where it is not large, so that a fit finds its blocks of light made.
-        sources: directional lights.
+        sources: lights beside it.
     """
 
     environment: Environment
-    sources: tuple[DirectionalLight, ...]
+    sources: tuple[Light, ...]
 
     @staticmethod
-    def of(environment: Environment, sources: Sequence[DirectionalLight]) -> Light:
+    def of(environment: Environment, sources: Sequence[Light]) -> CoarseLight:
         radiance = box_filtered(environment.radiance, COLUMNS)
-        return Light(replace(environment, radiance=radiance), tuple(sources))
+        return CoarseLight(replace(environment, radiance=radiance), tuple(sources))
 
     def pictures(self, looks: Looks, orientations: Sequence[Orientation], seed: int = 0) -> Pictures:
         """What the pixels would show in each orientation of the environment."""

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import torch
 
-from fit_material.fitter.input_checks.candidate_pictures import Light
+from fit_material.fitter.input_checks.candidate_pictures import CoarseLight
 from fit_material.fitter.input_checks.duplicates import duplicate_findings, rows_of
 from fit_material.fitter.input_checks.finding import Finding, percent
 from fit_material.fitter.input_checks.hypotheses import Gains, Supposition, Tribunal
@@ -25,7 +25,7 @@ from fit_material.renderer.errors.input_error import InputError
 from fit_material.renderer.images.image_file import ENDINGS
 from fit_material.renderer.rays.gbuffer import Tracer
 from fit_material.renderer.scene.fittable_values import FITTED
-from fit_material.renderer.scene.lights import directional_light
+from fit_material.renderer.scene.lights import light_of
 from fit_material.renderer.scene.scene_file import PhotographSpec
 
 MOST = 8  # photographs that a coarse fit looks at
@@ -100,8 +100,8 @@ def _light(loaded: Loaded, numbers: Sequence[int], trace: Tracer, scene_file: Pa
     except InputError as error:
         none = Finding("silhouette", error.field, "0 pixels that can be fitted", f"there has to be {error.expected}")
         return Lit(GIVEN, (none,))
-    sources = [directional_light(light) for light in loaded.scene.lights]
-    light = Light.of(loaded.environment, sources)
+    sources = [light_of(light) for light in loaded.scene.lights]
+    light = CoarseLight.of(loaded.environment, sources)
     linear = [_is_linear(loaded.scene.photographs[number]) for number in numbers]
     tribunal = Tribunal(looks, light, torch.tensor(linear), seed)
     called = [_named(number, loaded.photographs[number]) for number in numbers]

@@ -10,7 +10,7 @@ import torch
 from jaxtyping import Bool, Float
 from torch import Tensor
 
-from fit_material.fitter.input_checks.candidate_pictures import Light, Pictures
+from fit_material.fitter.input_checks.candidate_pictures import CoarseLight, Pictures
 from fit_material.fitter.input_checks.coarse_fit import Explanation, Seen, explain
 from fit_material.fitter.input_checks.orientation import GIVEN, Orientation
 from fit_material.fitter.input_checks.sampled_pixels import Looks
@@ -61,7 +61,7 @@ class Tribunal:
     """
 
     looks: Sequence[Looks]
-    light: Light
+    light: CoarseLight
     declared_linear: Bool[Tensor, " i"]
     seed: int = 0
     _pictures: dict[Orientation, list[Pictures]] = field(default_factory=dict)

@@ -17,7 +17,7 @@ from fit_material.renderer.errors.input_error import InputError
 from fit_material.renderer.errors.printable import unicode_text
 from fit_material.renderer.files.atomic import write_text_atomically
 from fit_material.renderer.files.regular_files import read_text
-from fit_material.renderer.files.validation import Checked, check, one_of, require_plain, unexpected
+from fit_material.renderer.files.validation import Checked, check, known_name, require_plain, unexpected
 from fit_material.shaders.materials.kinds import KINDS, MaterialType
 
 FORMAT = 1
@@ -150,7 +150,7 @@ class Maps(Record):
     color_seen: PngBeside
 
 
-KnownType = Annotated[MaterialType, one_of(lambda: KINDS)]
+KnownType = Annotated[MaterialType, known_name(lambda: KINDS)]
 """Name of a type of material."""
 
 

@@ -96,7 +96,7 @@ class Radiosity:
         places: where light is known.
         unoccluded: of the far surroundings, if nothing hid them, [n, 3].
         surroundings: what arrives of that, [n, 3].
-        sources: what arrives of directional lights, [n, 3].
+        sources: what arrives of lights beside the environment, [n, 3].
         transfer: between the places; None where they are taken not to light each other.
     """
 
@@ -158,8 +158,8 @@ def radiosity(setting: Setting, seen: GBuffer, trace: Tracer, returning: bool, s
         diffuse_table(surface.normal, setting.near, 1, hides, BLOCKS)[:, 0].double() for hides in (None, before)
     )
     shadows = occluder if "self-visibility" in setting.effects else None
-    lights = [DirectLight.of(surface, source, shadows) for source in setting.sources]
-    sources = sum((each.cos_l[:, None] * each.irradiance / torch.pi for each in lights), torch.zeros_like(arriving))
+    lights = [DirectLight.of(surface[:, None], source, shadows) for source in setting.sources]
+    sources = sum((each.received() for each in lights), torch.zeros_like(arriving))
     surroundings = torch.minimum(arriving, unoccluded)
     return Radiosity(places, unoccluded.numpy(), surroundings.numpy(), sources.numpy(), transfer)
 

@@ -53,7 +53,7 @@ class Rows:
         seen: what the photograph shows.
         surface: light that is mirrored, but for the object's own.
         far: light that a white body sends out in the far surroundings, if nothing but given maps dims them.
-        sources: the same of directional lights.
+        sources: the same of lights beside the environment.
         even: the same of light of radiance 1 from all sides.
         mixing: of places at which diffuse light is known, [p, n]; None where it is not.
         itself: what of the object the surface mirrors, weighted by how much; None where that is left out.
@@ -211,7 +211,7 @@ def _lit(about: _About, surface: GBuffer, seen: Float[Tensor, "p 3"]) -> Rows:
 
 
 def _lights(model: ExactPixels) -> tuple[ExactPixels, ExactPixels, ExactPixels]:
-    """The same bodies in the far surroundings, in the directional lights, and in light of radiance 1 from all sides."""
+    """The same bodies in the far surroundings, in the lights beside them, and in light of radiance 1 from all sides."""
     assert model.body is not None
     body, unlit = model.body, 0 * model.body.light
     even = even_table(body.light.shape[1])[:, None].expand_as(body.light)

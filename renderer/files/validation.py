@@ -56,13 +56,12 @@ def unexpected(expected: str, **where: Any) -> PydanticCustomError:
     return PydanticCustomError("unexpected", "{expected}", {"expected": expected, **where})
 
 
-def one_of(names: Callable[[], Iterable[str]]) -> PlainValidator:
+def known_name(names: Callable[[], Iterable[str]]) -> PlainValidator:
     """A validator of text that is one of several names, which are looked up when it is called."""
 
     def known(value: Any) -> str:
-        *others, last = names()
-        if not isinstance(value, str) or value not in (*others, last):
-            raise unexpected(f"{', '.join(map(repr, others))} or {last!r}")
+        if not isinstance(value, str) or value not in names():
+            raise unexpected(one_of(names()))
         return value
 
     return PlainValidator(known)
@@ -79,7 +78,23 @@ def check(model: type[Model], data: Any, file: Path) -> Model:
     try:
         return model.model_validate(data, context={"folder": file.parent})
     except ValidationError as error:
-        raise _input_error(file, error.errors(include_url=False)[0]) from None
+        location, value, expected = _wrong(error)
+        found = "" if value == "" else _quoted(value)
+        raise InputError(file, shortened(_field(location), 200), found, expected) from None
+
+
+def check_within(model: type[Model], data: Any, info: ValidationInfo) -> Model:
+    """`data` as a `model` that a validator chooses, with the sentences that a field of that type would have.
+
+    Raises:
+        PydanticCustomError: `unexpected`, about the first thing that is wrong.
+    """
+    try:
+        return model.model_validate(data, context=info.context)
+    except ValidationError as error:
+        location, value, expected = _wrong(error)
+        key = {"key": _field(location)} if location else {}
+        raise unexpected(expected, value=value, **key) from None
 
 
 def require_plain(data: Any, file: Path, field: str = "") -> None:
@@ -156,13 +171,20 @@ ExistingFile = Annotated[ExistingPath, AfterValidator(_file)]
 Vector = Annotated[tuple[float, float, float], Strict(False)]
 
 
+def one_of(names: Iterable[str]) -> str:
+    """'one', 'two' or 'three', as pydantic lists literals."""
+    *others, last = map(repr, names)
+    return f"{', '.join(others)} or {last}" if others else last
+
+
 def _nearest(key: str, known: Sequence[str]) -> str:
     nearest = difflib.get_close_matches(key, known, n=1, cutoff=0.5)
     return f"a known key, the nearest is {nearest[0]}" if nearest else f"one of the keys {', '.join(known)}"
 
 
+MISSING = "a value here, but it is missing"
 _EXPECTED = {
-    "missing": "a value here, but it is missing",
+    "missing": MISSING,
     "model_type": "a table",
     "tuple_type": "a list",
     "too_short": "at least one entry",
@@ -175,14 +197,14 @@ _EXPECTED = {
 }
 
 
-def _input_error(file: Path, error: ErrorDetails) -> InputError:
-    """One pydantic error in our words."""
-    told = error.get("ctx", {})
-    location = [*error["loc"], *([told["key"]] if "key" in told else [])]
-    hidden = error["type"] == "missing" or told.get("value") == ""
-    found = "" if hidden else _quoted(told.get("value", error["input"]))
-    expected = _EXPECTED.get(error["type"]) or error["msg"].removeprefix("Input should be ")
-    return InputError(file, shortened(_field(location), 200), found, expected)
+def _wrong(error: ValidationError) -> tuple[list[int | str], Any, str]:
+    """The first thing that is wrong, in our words: where, the value, "" to show none, and what was expected."""
+    first: ErrorDetails = error.errors(include_url=False)[0]
+    told = first.get("ctx", {})
+    location = [*first["loc"], *([told["key"]] if "key" in told else [])]
+    value = "" if first["type"] == "missing" else told.get("value", first["input"])
+    expected = _EXPECTED.get(first["type"]) or first["msg"].removeprefix("Input should be ")
+    return location, value, expected
 
 
 def _field(location: Sequence[int | str]) -> str:

@@ -25,7 +25,7 @@ from pydantic import Field, Strict
 
 from fit_material.renderer.errors.input_error import InputError
 from fit_material.renderer.files.toml import load_toml
-from fit_material.renderer.files.validation import Checked, Vector, check, one_of
+from fit_material.renderer.files.validation import Checked, Vector, check, known_name
 from fit_material.renderer.materials.bsdf import Distribution
 from fit_material.renderer.materials.ground_truth import TRUE_TYPES, ShadingModel, TrueMaterial, require_shadable
 from fit_material.renderer.materials.material_arguments import shading_model, true_material
@@ -36,7 +36,7 @@ class TrueMaterialSpec(Checked):
     """`[[materials]]`: the keys of `true_material`, by the mesh's material name."""
 
     name: str
-    type: Annotated[MaterialType, one_of(lambda: TRUE_TYPES)]
+    type: Annotated[MaterialType, known_name(lambda: TRUE_TYPES)]
     metal: str | None = None
     n: Vector | None = None
     k: Vector | None = None

@@ -7,6 +7,7 @@ is of the variant that is current then. Nothing made under one variant can be us
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -19,8 +20,9 @@ from fit_material.renderer.errors.input_error import InputError
 from fit_material.renderer.geometry.mesh import Mesh, Shape, Sphere
 from fit_material.renderer.materials.bsdf import Bsdf, Channels, Distribution, rgb
 from fit_material.renderer.materials.ground_truth import TRUE_TYPES, TrueMaterial
-from fit_material.shaders.lights import DirectionalLight
+from fit_material.shaders.lights import DirectionalLight, Light
 from fit_material.shaders.materials.kinds import MaterialType
+from fit_material.shaders.registry.registry import Registry
 
 AUTO = "auto"  # the fastest variant that runs here
 
@@ -123,6 +125,27 @@ def directional(light: DirectionalLight) -> dict[str, Any]:
         "direction": (-light.towards).tolist(),
         "irradiance": rgb((torch.pi * light.radiance).tolist()),
     }
+
+
+@dataclass(frozen=True)
+class Emitter:
+    """A type of light in Mitsuba's terms.
+
+    Attributes:
+        name: the `kind` of the light.
+        made: from the light to Mitsuba's dictionary.
+    """
+
+    name: str
+    made: Callable[[Any], dict[str, Any]]
+
+
+EMITTERS = Registry(Emitter("directional", directional))
+
+
+def emitters(lights: Sequence[Light]) -> dict[str, dict[str, Any]]:
+    """Lights as entries of a Mitsuba scene."""
+    return {f"light_{i}": EMITTERS[light.kind].made(light) for i, light in enumerate(lights)}
 
 
 def mitsuba_shape(shape: Shape, bsdf: Bsdf | None = None) -> Any:

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -14,11 +13,26 @@ from fit_material.renderer.errors.input_error import InputError
 from fit_material.renderer.geometry.mesh import Shape
 from fit_material.renderer.mitsuba import conversion
 
-Caster = Callable[[Float[Tensor, "p 3"], Float[Tensor, "p 3"]], Int[np.ndarray, " p"]]
+
+class Caster(Protocol):
+    """The index of the face that each ray meets first, -1 for none.
+
+    Args:
+        origins, directions: of the rays; directions are unit.
+        length: of each ray, beyond which nothing is met; no end where left out.
+    """
+
+    def __call__(
+        self,
+        origins: Float[Tensor, "p 3"],
+        directions: Float[Tensor, "p 3"],
+        length: Float[Tensor, " p"] | None = None,
+        /,
+    ) -> Int[np.ndarray, " p"]: ...
 
 
 def caster(shape: Shape) -> Caster:
-    """A function from rays (origins, unit directions) to the index of the face that each meets first, -1 for none.
+    """The caster of a shape.
 
     All rays at once through LLVM where its library is found, else one by one, which takes thirty times as long.
     Mitsuba's current variant is afterwards what it was.
@@ -36,12 +50,21 @@ def caster(shape: Shape) -> Caster:
 
 def _vectorised(shape: Shape, mi: Any) -> Caster:
     scene = _scene(shape, mi)
-    ray_type, point, vector = mi.Ray3f, mi.Point3f, mi.Vector3f  # of this variant, whatever is current later
+    ray_type, point, vector, number = (
+        mi.Ray3f,
+        mi.Point3f,
+        mi.Vector3f,
+        mi.Float,
+    )  # of this variant, whatever is current later
 
-    def cast(origins: Float[Tensor, "p 3"], directions: Float[Tensor, "p 3"]) -> Int[np.ndarray, " p"]:
+    def cast(
+        origins: Float[Tensor, "p 3"], directions: Float[Tensor, "p 3"], length: Float[Tensor, " p"] | None = None, /
+    ) -> Int[np.ndarray, " p"]:
         if not len(origins):
             return np.empty(0, np.int64)
         rays = ray_type(point(_columns(origins)), vector(_columns(directions)))
+        if length is not None:
+            rays.maxt = number(length.numpy().astype(np.float32))
         found = scene.ray_intersect_preliminary(rays, coherent=False)
         return np.where(np.array(found.is_valid()), np.array(found.prim_index).astype(np.int64), -1)
 
@@ -51,9 +74,13 @@ def _vectorised(shape: Shape, mi: Any) -> Caster:
 def _one_by_one(shape: Shape, mi: Any) -> Caster:
     scene, ray_type = _scene(shape, mi), mi.Ray3f
 
-    def cast(origins: Float[Tensor, "p 3"], directions: Float[Tensor, "p 3"]) -> Int[np.ndarray, " p"]:
-        rays = zip(origins.tolist(), directions.tolist(), strict=True)
-        found = (scene.ray_intersect_preliminary(ray_type(origin, direction)) for origin, direction in rays)
+    def cast(
+        origins: Float[Tensor, "p 3"], directions: Float[Tensor, "p 3"], length: Float[Tensor, " p"] | None = None, /
+    ) -> Int[np.ndarray, " p"]:
+        rays = [ray_type(*each) for each in zip(origins.tolist(), directions.tolist(), strict=True)]
+        for ray, end in zip(rays, [] if length is None else length.tolist(), strict=False):
+            ray.maxt = end
+        found = (scene.ray_intersect_preliminary(ray) for ray in rays)
         return np.array([each.prim_index if each.is_valid() else -1 for each in found], np.int64)
 
     return cast

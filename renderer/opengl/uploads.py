@@ -11,10 +11,12 @@ import numpy as np
 from jaxtyping import Float
 from torch import Tensor
 
+from fit_material.renderer.errors.input_error import InputError
 from fit_material.renderer.images.textures import Texture
 from fit_material.renderer.opengl.targets import require_fitting
 from fit_material.renderer.viewer_model.model import Appearance, Maps
 from fit_material.renderer.viewer_model.viewer_light import Surroundings
+from fit_material.shaders.lights import DirectionalLight, Light
 
 
 def cubemap_texture(context: moderngl.Context, faces: Float[Tensor, "6 n n c"]) -> moderngl.TextureCube:
@@ -53,12 +55,28 @@ def material_uniforms(appearance: Appearance) -> dict[str, Any]:
 
 
 def light_uniforms(surroundings: Surroundings) -> dict[str, Any]:
-    """Ambient light and directional lights."""
+    """Ambient light and directional lights.
+
+    Raises:
+        InputError: as `_drawable`.
+    """
+    sources = [_drawable(source) for source in surroundings.sources]
     return {
         "ambient_coefficients": surroundings.ambient.numpy(),
-        "light_towards": np.array([source.towards.numpy() for source in surroundings.sources]),
-        "light_radiance": np.array([source.radiance.numpy() for source in surroundings.sources]),
+        "light_towards": np.array([source.towards.numpy() for source in sources]),
+        "light_radiance": np.array([source.radiance.numpy() for source in sources]),
     }
+
+
+def _drawable(light: Light) -> DirectionalLight:
+    """A light as shaders/glsl/shade.glsl has it.
+
+    Raises:
+        InputError: the light is of another type.
+    """
+    if isinstance(light, DirectionalLight):
+        return light
+    raise InputError("[[lights]]", "type", f'"{light.kind}"', '"directional": the viewer draws no other lights')
 
 
 def turn_uniforms(rotation: float) -> Mapping[str, Any]:

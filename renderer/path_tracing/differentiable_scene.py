@@ -16,10 +16,10 @@ from fit_material.renderer.environment.environment import Environment
 from fit_material.renderer.errors.input_error import InputError
 from fit_material.renderer.geometry.mesh import Shape
 from fit_material.renderer.materials.bsdf import Bsdf
-from fit_material.renderer.mitsuba.conversion import directional, envmap, mitsuba, mitsuba_shapes
+from fit_material.renderer.mitsuba.conversion import emitters, envmap, mitsuba, mitsuba_shapes
 from fit_material.renderer.path_tracing.light_paths import ChangingMetal, LightPaths
 from fit_material.renderer.rays.gbuffer import GBuffer
-from fit_material.shaders.lights import DirectionalLight
+from fit_material.shaders.lights import Light
 from fit_material.shaders.materials.types import Metal
 from fit_material.shaders.materials.widths import alpha_of
 
@@ -58,7 +58,7 @@ class DifferentiableScene:
         self,
         shape: Shape,
         environment: Environment,
-        lights: Sequence[DirectionalLight],
+        lights: Sequence[Light],
         bsdfs: Sequence[Bsdf],
         metal: int = 0,
         max_depth: int = MAX_DEPTH,
@@ -77,8 +77,8 @@ class DifferentiableScene:
         import drjit as dr
 
         self._mi = mi = require_variant()
-        shapes, lamps = mitsuba_shapes(shape, bsdfs), {f"light_{i}": directional(each) for i, each in enumerate(lights)}
-        self._scene = mi.load_dict({"type": "scene", "environment": envmap(environment), **lamps, **shapes})
+        shapes, surroundings = mitsuba_shapes(shape, bsdfs), {"environment": envmap(environment), **emitters(lights)}
+        self._scene = mi.load_dict({"type": "scene", **surroundings, **shapes})
         self._bsdf = list(shapes.values())[metal].bsdf()
         self._held = mi.traverse(self._bsdf)
         ggx = bsdfs[metal]["distribution"] == "ggx"

@@ -138,7 +138,7 @@ class LightPaths:
 
     Attributes:
         mi: Mitsuba, its variant a vectorised one.
-        scene: lit by far-away emitters alone, which themselves are not seen.
+        scene: lit by its environment and by lights that no ray meets, none of which is seen itself.
         max_depth: segments of the longest path; 2 is light → object → camera.
         metal: by whose numbers to differentiate.
         beyond_direct: leave out what the first surface would mirror of the emitters if nothing hid them. What remains

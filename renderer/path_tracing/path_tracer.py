@@ -11,8 +11,8 @@ from fit_material.renderer.cameras.camera import Camera
 from fit_material.renderer.environment.environment import Environment
 from fit_material.renderer.geometry.mesh import Shape
 from fit_material.renderer.materials.bsdf import Bsdf
-from fit_material.renderer.mitsuba.conversion import directional, envmap, mitsuba, mitsuba_shapes, sensor
-from fit_material.shaders.lights import DirectionalLight
+from fit_material.renderer.mitsuba.conversion import emitters, envmap, mitsuba, mitsuba_shapes, sensor
+from fit_material.shaders.lights import Light
 
 SAMPLES_PER_PASS = 2**20  # bounds memory, and the wait between two reports of progress or for Ctrl-C
 
@@ -23,7 +23,7 @@ def render(
     environment: Environment,
     bsdf: Bsdf | Sequence[Bsdf],
     *,
-    lights: Sequence[DirectionalLight] = (),
+    lights: Sequence[Light] = (),
     spp: int,
     seed: int = 0,
     max_depth: int = 8,
@@ -36,7 +36,7 @@ def render(
         shape, camera, environment: what is seen, from where, in which light.
         bsdf: the material, in Mitsuba's terms, see `renderer.mitsuba.conversion.bsdf_of`; or one for each of the
             mesh's `material_names`.
-        lights: directional lights, which nobody sees but by what they light.
+        lights: beside the environment; seen by nothing but what they light.
         spp: samples per pixel.
         seed: of the paths, >= 0; the same seed gives the same picture.
         max_depth: length of the longest path; 2 is light → object → camera.
@@ -66,7 +66,7 @@ def passes(
     bsdf: Bsdf | Sequence[Bsdf],
     samples: Sequence[int],
     *,
-    lights: Sequence[DirectionalLight] = (),
+    lights: Sequence[Light] = (),
     seed: int = 0,
     max_depth: int = 8,
     variant: str = "scalar_rgb",
@@ -84,7 +84,7 @@ def passes(
             "integrator": {"type": "path", "max_depth": max_depth, "hide_emitters": True},
             "sensor": sensor(camera),
             "light": envmap(environment),
-            **{f"light_{i}": directional(light) for i, light in enumerate(lights)},
+            **emitters(lights),
             **mitsuba_shapes(shape, [bsdf] if isinstance(bsdf, dict) else bsdf),
         }
     )

@@ -46,10 +46,22 @@ class Occluder:
         """Where rays from the surface start."""
         return surface.position + self.offset * surface.geometric_normal
 
-    def free(self, origins: Float[Tensor, "*p 3"], directions: Float[Tensor, "*p 3"]) -> Bool[Tensor, "*p"]:
-        """Whether light from each direction reaches its place; the two broadcast."""
+    def free(
+        self,
+        origins: Float[Tensor, "*#p 3"],
+        directions: Float[Tensor, "*#p 3"],
+        distance: Float[Tensor, "*p"] | None = None,
+    ) -> Bool[Tensor, "*p"]:
+        """Whether light from each direction reaches its place; the two broadcast.
+
+        Args:
+            origins: where shadow rays start.
+            directions: unit, towards the light.
+            distance: where they end; left out, or inf, for light from infinitely far away.
+        """
         starts, towards = (each.double() for each in torch.broadcast_tensors(origins, directions))
-        face = self.cast(starts.reshape(-1, 3), towards.reshape(-1, 3))
+        ends = () if distance is None else (distance.double().reshape(-1),)
+        face = self.cast(starts.reshape(-1, 3), towards.reshape(-1, 3), *ends)
         return torch.from_numpy(face < 0).reshape(starts.shape[:-1])
 
     def openness(self, surface: GBuffer) -> Float[Tensor, " p"]:

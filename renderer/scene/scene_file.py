@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -33,14 +32,13 @@ from fit_material.renderer.files.validation import (
     Vector,
     check,
     existing_path,
-    one_of,
+    known_name,
     unexpected,
 )
 from fit_material.renderer.geometry.mesh import Shape, Sphere, read_mesh
 from fit_material.renderer.images.image_file import ENCODING, ENCODING_HELP
 from fit_material.renderer.scene.fittable_values import (
     FITTED,
-    LARGEST,
     Exposure,
     WhiteBalance,
     exposure_or_word,
@@ -51,6 +49,7 @@ from fit_material.renderer.scene.fittable_values import (
     white_balance_or_fit,
 )
 from fit_material.renderer.scene.lens_spec import LensSpec
+from fit_material.renderer.scene.lights import AnyLightSpec
 from fit_material.shaders.materials.kinds import KINDS, MaterialType
 
 
@@ -82,33 +81,6 @@ class EnvironmentSpec(Checked):
     def start(self) -> tuple[float, float]:
         """Rotation and scale, or where the fit of one that is not known begins."""
         return turn_of(self.rotation)[0], 1.0 if self.scale == FITTED else self.scale
-
-
-def _nonzero(direction: tuple[float, float, float]) -> tuple[float, float, float]:
-    if not any(direction):
-        raise unexpected("a direction that is not zero")
-    return direction
-
-
-Irradiance = Annotated[float, Field(ge=0, le=LARGEST)]
-
-
-class LightSpec(Checked):
-    """`[[lights]]`: direction towards the light, and its irradiance on a surface that faces it."""
-
-    type: Literal["directional"]
-    direction: Annotated[Vector, AfterValidator(_nonzero)]
-    irradiance: Annotated[tuple[Irradiance, Irradiance, Irradiance], Strict(False)]
-
-
-def light_option(values: Sequence[float]) -> LightSpec:
-    """The light of a command line's `--light X Y Z R G B`: towards it, and its irradiance.
-
-    Raises:
-        InputError: the direction is zero, or a number not finite, negative or above `LARGEST`.
-    """
-    table = {"type": "directional", "direction": tuple(values[:3]), "irradiance": tuple(values[3:])}
-    return check(LightSpec, table, Path("--light"))
 
 
 class CameraSpec(Checked):
@@ -211,7 +183,7 @@ class MaterialSpec(Checked):
     """`[[materials]]`: what to take for given, by the mesh's material name; maps are laid over texture coordinates."""
 
     name: PlainText
-    type: Annotated[MaterialType, one_of(lambda: ("auto", *KINDS))] = "auto"
+    type: Annotated[MaterialType, known_name(lambda: ("auto", *KINDS))] = "auto"
     normal_map: ExistingFile | None = None
     ambient_occlusion_map: ExistingFile | None = None
 
@@ -227,7 +199,7 @@ class Scene(Checked):
     white_balance: Annotated[Literal["fit"] | None, PlainValidator(fit_or_nothing)] = None
     geometry: GeometrySpec
     environment: EnvironmentSpec
-    lights: Annotated[tuple[LightSpec, ...], Strict(False)] = ()
+    lights: Annotated[tuple[AnyLightSpec, ...], Strict(False)] = ()
     photographs: Annotated[tuple[PhotographSpec, ...], Strict(False), Field(min_length=1)]
     materials: Annotated[tuple[MaterialSpec, ...], Strict(False)] = ()
 

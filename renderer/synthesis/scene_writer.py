@@ -13,7 +13,7 @@ from fit_material.renderer.files.atomic import require_names
 from fit_material.renderer.files.replaceable import Replaceable, contents, json_with, unchanged
 from fit_material.renderer.files.unfinished import sweep
 from fit_material.renderer.materials.ground_truth import TrueMaterial
-from fit_material.renderer.scene.scene_file import LightSpec
+from fit_material.renderer.scene.lights import LightSpec
 from fit_material.renderer.synthesis.camera_placement import View
 from fit_material.renderer.synthesis.viewer_photographer import thesis_material
 from fit_material.shaders.materials.quantities import F0, QUANTITIES
@@ -98,12 +98,15 @@ def scene_toml(mesh: Path | None, lights: Sequence[LightSpec], poses: Sequence[V
 
 
 def _light_toml(light: LightSpec) -> str:
-    return f"""
-[[lights]]
-type = "directional"
-direction = {list(light.direction)}
-irradiance = {list(light.irradiance)}
-"""
+    given = {key: value for key, value in light if value is not None}
+    return "\n[[lights]]\n" + "".join(f"{key} = {_toml(value)}\n" for key, value in given.items())
+
+
+def _toml(value: object) -> str:
+    """A text, a number or a list of numbers."""
+    if isinstance(value, str):
+        return _quoted(value)
+    return str(list(value) if isinstance(value, tuple) else value)
 
 
 def _photograph_toml(index: int, pose: View) -> str:

@@ -24,8 +24,7 @@ from fit_material.renderer.materials.bsdf import Bsdf
 from fit_material.renderer.materials.ground_truth import ShadingModel, TrueMaterial, require, require_shadable
 from fit_material.renderer.mitsuba.conversion import AUTO, bsdf_of, mitsuba, variant_here
 from fit_material.renderer.path_tracing.path_tracer import render
-from fit_material.renderer.scene.lights import directional_light
-from fit_material.renderer.scene.scene_file import LightSpec
+from fit_material.renderer.scene.lights import LightSpec, light_of
 from fit_material.renderer.synthesis.camera_placement import views
 from fit_material.renderer.synthesis.scene_writer import (
     MAP,
@@ -56,7 +55,7 @@ class SynthOptions:
         model: whose materials: "mitsuba" traces paths, "viewer" shades as the thesis does.
         mesh: a mesh file; None for the unit sphere.
         env: "studio", "sunsky", or the path of a map or of a folder with six faces.
-        lights: directional lights beside it.
+        lights: beside it.
         views: number of photographs, 1 to 1000.
         size: width and height of each in pixels, 8 to 8192.
         spp: samples per pixel, >= 1; the viewer takes one.
@@ -198,7 +197,7 @@ def _photographer(
         from fit_material.renderer.synthesis.viewer_photographer import viewer_photographer
 
         return viewer_photographer(shape, environment, materials, options.lights)
-    lights = [directional_light(light) for light in options.lights]
+    lights = [light_of(light) for light in options.lights]
     bsdfs = [bsdf_of(material) for material in _different(options, materials)]
 
     def photograph(camera: Camera, seed: int, progress: Progress) -> Float[np.ndarray, "h w 4"]:

@@ -14,7 +14,7 @@ from fit_material.renderer.environment.environment import Environment
 from fit_material.renderer.geometry.mesh import Shape
 from fit_material.renderer.materials.ground_truth import TrueMaterial
 from fit_material.renderer.rays import gbuffer
-from fit_material.renderer.scene.scene_file import LightSpec
+from fit_material.renderer.scene.lights import LightSpec
 from fit_material.renderer.viewer_model.model import Appearance
 from fit_material.renderer.viewer_model.shading import illuminations, shade_surface
 from fit_material.renderer.viewer_model.viewer_light import surroundings

@@ -25,8 +25,10 @@ from fit_material.renderer.materials.ground_truth import require
 from fit_material.renderer.opengl.drawing import Stage
 from fit_material.renderer.opengl.geometry import bounds
 from fit_material.renderer.opengl.offscreen import picture
+from fit_material.renderer.scene.fittable_values import LARGEST
 from fit_material.renderer.scene.input_paths import input_paths
-from fit_material.renderer.scene.scene_file import LARGEST, LightSpec, light_option, read_scene
+from fit_material.renderer.scene.lights import LightSpec, light_option
+from fit_material.renderer.scene.scene_file import read_scene
 from fit_material.renderer.synthesis.synthesise import MADE_HERE, named_environment
 from fit_material.renderer.viewer.compare import Photographs
 from fit_material.renderer.viewer.display import Codes, Display, draw_whole

@@ -23,7 +23,7 @@ from fit_material.renderer.viewer_model.captured_neighbours import capture
 from fit_material.renderer.viewer_model.model import Appearance, Model
 from fit_material.renderer.viewer_model.viewer_light import VIEWER_FACE_SIZE, Surroundings
 from fit_material.shaders.normal_map import perturbed
-from fit_material.shaders.shade import Illumination, Light, Points, shade
+from fit_material.shaders.shade import EnvironmentLight, Illumination, Points, shade
 
 _CHUNK = 1 << 14  # points at a time, whose 49 taps then take some hundred megabytes
 
@@ -83,16 +83,16 @@ def illuminations(
     return tuple(far_light(surroundings) if each is None else near_light(surroundings, each) for each in captured)
 
 
-def far_light(surroundings: Surroundings) -> Light:
+def far_light(surroundings: Surroundings) -> EnvironmentLight:
     """Light of the far environment."""
     radiance = functools.partial(cubemap.lookup, surroundings.cubemap)
-    return Light(radiance, surroundings.ambient, sources=surroundings.sources)
+    return EnvironmentLight(radiance, surroundings.ambient, sources=surroundings.sources)
 
 
-def near_light(surroundings: Surroundings, captured: Cubemap) -> Light:
+def near_light(surroundings: Surroundings, captured: Cubemap) -> EnvironmentLight:
     """Light in which the environment is what an object has captured, radiance and depth."""
     radiance, depth = (Cubemap(channels) for channels in captured.faces.split([3, 1], dim=-1))
-    return Light(
+    return EnvironmentLight(
         functools.partial(cubemap.lookup, radiance),
         surroundings.ambient,
         lambda directions: cubemap.lookup(depth, directions)[..., 0],
@@ -156,4 +156,5 @@ def points(surface: GBuffer, appearance: Appearance) -> Points:
         view.to(dtype),
         None if openness is None else openness.to(dtype),
         None if tint is None else tint.to(dtype),
+        surface.position.to(dtype),
     )

@@ -14,9 +14,8 @@ from torch import Tensor
 from fit_material.renderer.environment import cubemap
 from fit_material.renderer.environment.cubemap import Cubemap
 from fit_material.renderer.environment.environment import Environment
-from fit_material.renderer.scene.lights import directional_light
-from fit_material.renderer.scene.scene_file import LightSpec
-from fit_material.shaders.lights import DirectionalLight
+from fit_material.renderer.scene.lights import LightSpec, light_of
+from fit_material.shaders.lights import Light
 from fit_material.shaders.optics import diffuse
 
 VIEWER_FACE_SIZE = 256  # texels along a cubemap face: the resolution of a 1k map
@@ -31,12 +30,12 @@ class Surroundings:
     Attributes:
         cubemap: radiance of the far environment, faces [6, n, n, 3], float32.
         ambient: coefficients of `diffuse.ambient`, float64.
-        sources: directional lights, float64.
+        sources: lights beside the environment, float64.
     """
 
     cubemap: Cubemap
     ambient: Float[Tensor, "9 3"]
-    sources: tuple[DirectionalLight, ...] = ()
+    sources: tuple[Light, ...] = ()
 
 
 def surroundings(
@@ -45,7 +44,7 @@ def surroundings(
     ambient: tuple[float, float, float] | None = None,
     size: int = VIEWER_FACE_SIZE,
 ) -> Surroundings:
-    """The light of an environment and of directional lights.
+    """The light of an environment and of lights beside it.
 
     Args:
         environment: the far surroundings.
@@ -59,7 +58,7 @@ def surroundings(
     else:
         coefficients = diffuse.constant_ambient(torch.tensor(ambient, dtype=torch.float64))
     faces = cubemap.from_environment(environment, size)
-    return Surroundings(faces, coefficients, tuple(directional_light(light) for light in lights))
+    return Surroundings(faces, coefficients, tuple(light_of(light) for light in lights))
 
 
 def harmonic_moments(environment: Environment) -> Float[Tensor, "9 3"]:

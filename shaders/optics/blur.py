@@ -107,9 +107,9 @@ def gaussian_directions(r: Float[Tensor, "p 3"], offsets: Float[Tensor, "s 2"], 
 
 
 def light_reflection(
-    r: Float[Tensor, "*p 3"], towards: Float[Tensor, "3"], rho: Float[Tensor, ""]
+    r: Float[Tensor, "*p 3"], towards: Float[Tensor, "*#p 3"], rho: Float[Tensor, ""]
 ) -> Float[Tensor, "*p 1"]:
-    """A directional light's blurred reflection, per radiance of the light [thesis 3.1; MODEL.md 3.2].
+    """A light's blurred reflection, per radiance of the light [thesis 3.1; MODEL.md 3.2].
 
         G(x; σ) = (2πσ²)^(-½) exp(-x²/2σ²),   x = |r - l|,   σ = ρ/2
 

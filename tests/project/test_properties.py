@@ -25,7 +25,7 @@ from fit_material.shaders.lights import DirectionalLight
 from fit_material.shaders.materials.types import Glossy, Matte, Metal
 from fit_material.shaders.materials.widths import Blur
 from fit_material.shaders.optics import diffuse, fresnel, microfacets, rough_plastic
-from fit_material.shaders.shade import Light, Points
+from fit_material.shaders.shade import EnvironmentLight, Points
 
 # Roundings that a formula takes, as `near` and `between` count them: its steps, doubled for each quotient of two sums.
 DIELECTRIC = 48  # a root and two quotients, squared and averaged
@@ -187,7 +187,7 @@ def test_random_scenes_have_finite_pictures_with_finite_slopes(kind, colors, n, 
     def picture(factor: float) -> torch.Tensor:
         source = DirectionalLight(unit[2][0], torch.full((3,), factor, dtype=torch.float64))
         ambient = diffuse.constant_ambient(torch.full((3,), factor, dtype=torch.float64))
-        light = Light(lambda r: factor * cubemap.lookup(cube, r), ambient, sources=(source,))
+        light = EnvironmentLight(lambda r: factor * cubemap.lookup(cube, r), ambient, sources=(source,))
         return shade.shade(material, Points(unit[0], unit[1]), light)
 
     found = picture(1.0)

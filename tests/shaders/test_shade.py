@@ -13,7 +13,7 @@ from fit_material.shaders.lights import DirectionalLight
 from fit_material.shaders.materials.types import Glossy, Matte, Metal
 from fit_material.shaders.materials.widths import Blur
 from fit_material.shaders.optics import blur, diffuse
-from fit_material.shaders.shade import Light, Points, double_bounce, reflection, shade
+from fit_material.shaders.shade import EnvironmentLight, Points, double_bounce, reflection, shade
 
 DTYPES = [torch.float32, torch.float64]
 GOLD = (0.146, 0.425, 1.431), (3.578, 2.326, 1.85)
@@ -42,9 +42,9 @@ AMBIENT = torch.cat([float64([[3.0, 2.0, 1.0]]), 0.3 * torch.randn(8, 3, generat
 SUN = DirectionalLight(unit(0.2, 0.7, 0.6), float64([2.0, 1.5, 1.0]))
 LAMP = DirectionalLight(unit(-0.8, 0.1, 0.5), float64([0.3, 0.6, 0.9]))
 LIGHTS = {
-    "sky": Light(sky, AMBIENT),
-    "sky and lamps": Light(sky, AMBIENT, sources=(SUN, LAMP)),
-    "neighbours": Light(sky, AMBIENT, mist, (SUN,)),
+    "sky": EnvironmentLight(sky, AMBIENT),
+    "sky and lamps": EnvironmentLight(sky, AMBIENT, sources=(SUN, LAMP)),
+    "neighbours": EnvironmentLight(sky, AMBIENT, mist, (SUN,)),
 }
 POINTS = Points(unit(0.1, 0.3, 0.9)[None], unit(0.4, -0.2, 0.8)[None])
 MAPPED = dataclasses.replace(POINTS, openness=float64([[0.6]]), tint=float64([[0.9, 0.5, 0.7]]))
@@ -64,7 +64,7 @@ def made(kind: type[Metal | Glossy | Matte], numbers) -> Metal | Glossy | Matte:
     return kind(*numbers) if kind is Matte else kind(*numbers[:-1], Blur(numbers[-1]))
 
 
-def written_out(material, normal, view, light: Light, openness=1.0, tint=(1.0, 1.0, 1.0)) -> list[float]:
+def written_out(material, normal, view, light: EnvironmentLight, openness=1.0, tint=(1.0, 1.0, 1.0)) -> list[float]:
     """MODEL.md 1, 3 and 4 for one point, channel by channel, in Python's own numbers."""
     dot = sum(a * b for a, b in zip(normal, view, strict=True))
     cos = min(max(dot, 0.0), 1.0)
@@ -135,14 +135,14 @@ def test_every_material_is_the_model_written_out(name, light, rho):
 def test_a_perfect_mirror_shows_the_sky_where_it_is_seen():
     mirror = Metal(float64([1e-9] * 3), float64([1.0] * 3), Blur(float64(0.0)))
     plane = Points(unit(0.0, 1.0, 0.0)[None], unit(0.6, 0.8, 0.0)[None])
-    found = shade(mirror, plane, Light(sky, AMBIENT, sources=(SUN,)))  # and no lamp
+    found = shade(mirror, plane, EnvironmentLight(sky, AMBIENT, sources=(SUN,)))  # and no lamp
     torch.testing.assert_close(found[0], sky(float64([-0.6, 0.8, 0.0])), rtol=1e-8, atol=0)
 
 
 def test_a_white_matte_surface_is_lambertian():
     white = Matte(float64([1.0] * 3), float64([1.0] * 3))
     plane = Points(unit(0.0, 1.0, 0.0).expand(3, 3), torch.stack([unit(0.0, 1, 0), unit(3.0, 1, 0), unit(-1.0, 0, 0)]))
-    dark = Light(sky, 0 * AMBIENT, sources=(SUN, LAMP))
+    dark = EnvironmentLight(sky, 0 * AMBIENT, sources=(SUN, LAMP))
     found = shade(white, plane, dark)
     expected = SUN.radiance * SUN.towards[1] + LAMP.radiance * LAMP.towards[1]
     torch.testing.assert_close(found, expected.expand(3, 3))
@@ -168,7 +168,7 @@ def test_a_lamp_is_seen_where_it_is_mirrored_and_under_the_reflectance():
     mirror = Metal(float64([1e-9] * 3), float64([1.0] * 3), Blur(float64(0.2)))
     view = unit(0.3, 0.9, -0.1)
     halfway = Points(unit(*(view + SUN.towards).tolist())[None], view[None])
-    with_lamp, without = (shade(mirror, halfway, Light(sky, AMBIENT, sources=s)) for s in ((SUN,), ()))
+    with_lamp, without = (shade(mirror, halfway, EnvironmentLight(sky, AMBIENT, sources=s)) for s in ((SUN,), ()))
     expected = SUN.radiance / (math.sqrt(2 * math.pi) * 0.1)
     torch.testing.assert_close((with_lamp - without)[0], expected, rtol=1e-8, atol=0)
 
@@ -184,7 +184,7 @@ def test_light_in_creases_is_reflected_once_or_twice(f, openness):
 @pytest.mark.parametrize("depth", [0.0, 0.25, 1.0])
 def test_nearer_things_are_less_blurred_but_lamps_are_as_before(depth):
     f, rho = torch.ones(1, 3).double(), float64(0.8)
-    near = Light(sky, AMBIENT, lambda directions: torch.full(directions.shape[:-1], depth).double(), (SUN,))
+    near = EnvironmentLight(sky, AMBIENT, lambda directions: torch.full(directions.shape[:-1], depth).double(), (SUN,))
     lamp = SUN.radiance * blur.light_reflection(POINTS.reflected, SUN.towards, rho)
     expected = blur.blur(sky, POINTS.reflected, rho * depth) + lamp
     torch.testing.assert_close(reflection(f, rho, POINTS, near), expected)
@@ -229,7 +229,7 @@ def prepared(drawn, place, dtype):
 def test_white_furnace(dtype, drawn, place, depth):
     """Under radiance 1 from everywhere no material, however it is seen, returns more than 1."""
     material, points, _ = prepared(drawn, place, dtype)
-    furnace = Light(
+    furnace = EnvironmentLight(
         torch.ones_like,
         diffuse.constant_ambient(torch.ones(3, dtype=dtype)),
         lambda directions: torch.full(directions.shape[:-1], depth, dtype=dtype),
@@ -244,7 +244,7 @@ def test_white_furnace(dtype, drawn, place, depth):
 def test_nothing_is_ever_infinite_or_no_number(dtype, drawn, place, depth):
     """Nor its derivatives by the material and the geometry, wherever they exist, mirrors and poles included."""
     material, points, leaves = prepared(drawn, place, dtype)
-    light = Light(sky, AMBIENT, lambda directions: depth + 0 * directions[..., 0], (SUN, LAMP))
+    light = EnvironmentLight(sky, AMBIENT, lambda directions: depth + 0 * directions[..., 0], (SUN, LAMP))
     found = shade(material, points, light)
     assert found.dtype == dtype
     assert found.isfinite().all()

@@ -12,7 +12,7 @@ import trimesh
 from fit_material.renderer.geometry.mesh import Mesh, Shape, Sphere
 from fit_material.renderer.images.image_file import write_exr
 from fit_material.renderer.rays import gbuffer
-from fit_material.renderer.scene.scene_file import LightSpec
+from fit_material.renderer.scene.lights import DirectionalLightSpec, LightSpec
 from fit_material.renderer.synthesis.camera_placement import View, views
 from fit_material.renderer.synthesis.scene_writer import scene_toml
 from tests.renderer.rays.test_self_visibility import ball
@@ -22,7 +22,7 @@ from tests.support.soft_scene import soft_light
 MIRRORING = frozenset({"reflection", "blur", "horizon", "exact-fresnel", "pixel-footprint"})
 BODY = frozenset({"diffuse-irradiance"})
 SELF = frozenset({"self-visibility", "interreflection"})
-LAMP = LightSpec(type="directional", direction=(0.6, 0.7, 0.4), irradiance=(3.0, 3.0, 2.8))
+LAMP = DirectionalLightSpec(type="directional", direction=(0.6, 0.7, 0.4), irradiance=(3.0, 3.0, 2.8))
 
 
 @dataclass(frozen=True)

@@ -23,7 +23,7 @@ from fit_material.shaders.lights import DirectionalLight
 from fit_material.shaders.materials.types import Glossy, Matte, Metal
 from fit_material.shaders.materials.widths import Blur
 from fit_material.shaders.optics import blur, diffuse
-from fit_material.shaders.shade import Light, Points
+from fit_material.shaders.shade import EnvironmentLight, Points
 
 TINY = (0.0, 1e-30, 1e-13, 1e-9, 1e-4)
 
@@ -120,12 +120,12 @@ def turned_away(cos: Tensor, n: Tensor) -> Tensor:
     return shade.shade(metal, Points(normal, view), even_light(n))[:, 0]
 
 
-def even_light(like: Tensor) -> Light:
+def even_light(like: Tensor) -> EnvironmentLight:
     """Radiance that is linear in the direction, with a lamp."""
     lamp = DirectionalLight(like.new_tensor([0.0, 0.6, 0.8]), like.new_tensor([1.0, 1.0, 1.0]))
     weights = like.new_tensor([[0.3], [0.5], [-0.4]])
     ambient = diffuse.constant_ambient(like.new_tensor([1.0, 1.0, 1.0]))
-    return Light(lambda towards: (2 + towards @ weights).expand(*towards.shape), ambient, sources=(lamp,))
+    return EnvironmentLight(lambda towards: (2 + towards @ weights).expand(*towards.shape), ambient, sources=(lamp,))
 
 
 def every_material_at_the_poles(numbers: Numbers) -> str | None:

@@ -10,7 +10,7 @@ import torch
 from kornia.color import rgb_to_linear_rgb
 from scipy import ndimage
 
-from fit_material.fitter.input_checks.candidate_pictures import Light
+from fit_material.fitter.input_checks.candidate_pictures import CoarseLight
 from fit_material.fitter.input_checks.checks import Lit, up_axes
 from fit_material.fitter.input_checks.duplicates import duplicate_findings, rows_of
 from fit_material.fitter.input_checks.finding import Finding
@@ -26,8 +26,7 @@ from fit_material.renderer.environment.environment import Environment
 from fit_material.renderer.environment.latlong import lookup, of
 from fit_material.renderer.geometry.mesh import Mesh, Sphere
 from fit_material.renderer.rays import gbuffer
-from fit_material.renderer.scene.lights import directional_light
-from fit_material.renderer.scene.scene_file import light_option
+from fit_material.renderer.scene.lights import directional_light, light_option
 from fit_material.renderer.synthesis.studio import studio
 
 ROTATION = 30.0
@@ -79,9 +78,9 @@ def test_pictures_of_an_orientation_are_those_in_a_map_that_was_really_changed(m
     surface = surface[surface.front][::20][:, None]
     count = len(surface.hit)
     looks = Looks(surface, torch.ones(3, count), torch.zeros(count, dtype=torch.long), torch.ones(count))
-    turned = Light.of(STUDIO, ()).pictures(looks, [Orientation(turn=90, mirrored=True)])
+    turned = CoarseLight.of(STUDIO, ()).pictures(looks, [Orientation(turn=90, mirrored=True)])
     changed = Environment(STUDIO.radiance.flip(1).contiguous(), ROTATION + 90)
-    really = Light.of(changed, ()).pictures(looks, [GIVEN])
+    really = CoarseLight.of(changed, ()).pictures(looks, [GIVEN])
     # diffuse light is looked up between normals 7.5° apart; what facets mirror has noise: 7 % by 128 directions, and so
     # 1.3 % by 4096
     torch.testing.assert_close(turned.diffuse, really.diffuse, rtol=0.02, atol=0.01)
@@ -94,7 +93,7 @@ def test_a_directional_light_adds_lamberts_cosine():
     surface = gbuffer.pixel_centres(gbuffer.tracer(Sphere()), camera()).reshape(-1)
     surface = surface[surface.front][::20][:, None]
     looks = Looks(surface, torch.ones(3, len(surface.hit)), surface.material[:, 0], torch.ones(len(surface.hit)))
-    lit, dark = (Light.of(STUDIO, lights).pictures(looks, [GIVEN]) for lights in ((directional_light(spec),), ()))
+    lit, dark = (CoarseLight.of(STUDIO, lights).pictures(looks, [GIVEN]) for lights in ((directional_light(spec),), ()))
     towards = torch.nn.functional.normalize(vector(*spec.direction), dim=0)
     cosine = (surface.normal[:, 0] @ towards).clamp_min(0)
     expected = vector(*spec.irradiance)[:, None] / math.pi * cosine

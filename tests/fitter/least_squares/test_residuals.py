@@ -89,7 +89,11 @@ def random(*shape: int, seed: int = 3) -> torch.Tensor:
 
 def exact_pixels() -> ExactPixels:
     """Five pixels of three rays, four levels of roughness, degree 6, a body, and a light."""
-    light = DirectLight(*(0.1 + 0.8 * random(5, 3, seed=seed) for seed in range(4)), float64([2.0, 1.0, 0.5]))
+    light = DirectLight(
+        *(0.1 + 0.8 * random(5, 3, seed=seed) for seed in range(4)),
+        float64([[2.0, 1.0, 0.5]] * 5),
+        random(5, 3, 3, seed=9),
+    )
     bare = ExactPixels(None, None, Body(random(5, 6, 3), random(5, 6)), (light,), "ggx")
     return bare.under(LightTable(random(2, 4, 5, 6, 3).float(), 0.1, 0.8, "log"))
 

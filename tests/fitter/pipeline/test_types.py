@@ -15,14 +15,14 @@ from fit_material.fitter.pipeline.fit_scene import FitOptions, fit_scene
 from fit_material.fitter.result.schema import FittedMaterial, Result
 from fit_material.renderer.materials.ground_truth import TrueGlossy, TrueMaterial, TrueMatte, TrueMetal
 from fit_material.renderer.materials.mtl_reader import read_mtl
-from fit_material.renderer.scene.scene_file import LightSpec
+from fit_material.renderer.scene.lights import DirectionalLightSpec
 from fit_material.renderer.synthesis.synthesise import SynthOptions, synthesise
 
 FIDELITY = replace(PRESETS["standard"], pixels=2000, footprint=2)
 GOLD = TrueMetal((0.146, 0.425, 1.431), (3.578, 2.326, 1.85), 0.2)
 PLASTIC = TrueGlossy((0.6, 0.2, 0.1), (0.04, 0.04, 0.04), 0.15)
 CLAY = TrueMatte((0.5, 0.3, 0.2))
-LAMP = LightSpec(type="directional", direction=(0.4, 0.8, 0.6), irradiance=(4.0, 3.0, 2.0))
+LAMP = DirectionalLightSpec(type="directional", direction=(0.4, 0.8, 0.6), irradiance=(4.0, 3.0, 2.0))
 
 
 def photographs(folder: Path, material, **options) -> Path:

@@ -12,11 +12,13 @@ import torch
 from fit_material.fitter.effects.plan_rules import RULES
 from fit_material.fitter.forward.lighting import Setting
 from fit_material.fitter.options.fidelity import PRESETS
+from fit_material.renderer.errors.input_error import InputError
 from fit_material.renderer.geometry.mesh import Sphere
 from fit_material.renderer.light_kernel.table import fused_available
 from fit_material.renderer.light_tables import light_table
 from fit_material.renderer.materials.bsdf import Bsdf, conductor, diffuse
-from fit_material.renderer.mitsuba.conversion import variant_here
+from fit_material.renderer.mitsuba import raycast
+from fit_material.renderer.mitsuba.conversion import mitsuba, variant_here
 from fit_material.renderer.path_tracing.path_tracer import passes
 from fit_material.renderer.rays import gbuffer
 from fit_material.renderer.rays.gbuffer import GBuffer
@@ -156,6 +158,22 @@ def test_openness_of_a_spherical_bowl_is_that_of_its_missing_cap():
     found = Occluder.of(golden.bowl()).openness(surface[:, 0])
     cap = (1 - math.cos(golden.RIM)) / 2
     assert float(found.mean()) == pytest.approx(cap, abs=0.02)
+
+
+@pytest.mark.parametrize("variant", ["llvm_ad_rgb", "scalar_rgb"])
+def test_a_shadow_ray_ends_at_the_light(variant):
+    """Between two unit balls whose centres are 2.5 apart: from the middle, along the axis, one is met after 0.25."""
+    try:
+        mi = mitsuba(variant)
+    except InputError as error:
+        pytest.skip(str(error))
+    cast = {"llvm_ad_rgb": raycast._vectorised, "scalar_rgb": raycast._one_by_one}[variant](balls(), mi)
+    between = replace(Occluder.of(balls()), cast=cast)
+    origins, along = torch.zeros(5, 3, dtype=torch.float64), tensor((1.0, 0.0, 0.0))
+    ends = tensor((0.2, 0.249, 0.251, 3.0, math.inf))
+    assert between.free(origins, along, ends).tolist() == [True, True, False, False, False]
+    assert between.free(origins, along).tolist() == [False] * 5
+    assert between.free(origins, tensor((0.0, 1.0, 0.0)), ends).all()
 
 
 @pytest.mark.parametrize(

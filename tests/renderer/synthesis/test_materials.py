@@ -23,8 +23,8 @@ from fit_material.renderer.materials.bsdf import diffuse, plastic
 from fit_material.renderer.materials.ground_truth import TrueGlossy, TrueMatte, TrueMetal
 from fit_material.renderer.mitsuba.conversion import bsdf_of, mitsuba
 from fit_material.renderer.path_tracing.path_tracer import render
-from fit_material.renderer.scene.lights import directional_light
-from fit_material.renderer.scene.scene_file import LightSpec, read_scene, read_shape
+from fit_material.renderer.scene.lights import DirectionalLightSpec, directional_light
+from fit_material.renderer.scene.scene_file import read_scene, read_shape
 from fit_material.renderer.synthesis.camera_placement import views
 from fit_material.renderer.synthesis.synthesise import SynthOptions, synthesise
 from fit_material.shaders.optics.fresnel import conductor
@@ -115,7 +115,7 @@ def test_a_metal_of_no_alpha_is_a_mirror(metal, expected):
 
 def test_a_directional_light_gives_its_irradiance_where_it_faces():
     towards, irradiance, sky = np.array([2.0, -1.0, 2.0]) / 3, np.array([3.0, 2.0, 1.0]), 0.05
-    spec = LightSpec(type="directional", direction=(20.0, -10.0, 20.0), irradiance=(3.0, 2.0, 1.0))
+    spec = DirectionalLightSpec(type="directional", direction=(20.0, -10.0, 20.0), irradiance=(3.0, 2.0, 1.0))
     light = directional_light(spec)
     pixels = render(Sphere(), orthographic(), grey(sky), bsdf_of(CLAY), lights=[light], spp=256)
     normal, n_dot_v = normals(orthographic())
@@ -231,7 +231,7 @@ def test_one_material_for_all_stands_under_every_name(octahedron, grey_file, tmp
 
 
 def test_a_light_is_written_into_the_scene(grey_file, tmp_path):
-    light = LightSpec(type="directional", direction=(0.3, 0.8, 0.5), irradiance=(3.0, 3.0, 2.8))
+    light = DirectionalLightSpec(type="directional", direction=(0.3, 0.8, 0.5), irradiance=(3.0, 3.0, 2.8))
     path = synthesise(SynthOptions(CLAY, env=grey_file, lights=(light,), size=8, views=1, spp=1), tmp_path)
     assert read_scene(path).lights == (light,)
 

@@ -14,7 +14,7 @@ from fit_material.renderer.environment.environment import directions
 from fit_material.renderer.geometry.mesh import Sphere, read_mesh
 from fit_material.renderer.images.image_file import read_image, write_exr
 from fit_material.renderer.materials.ground_truth import TrueGlossy, TrueMaterial, TrueMatte, TrueMetal
-from fit_material.renderer.scene.scene_file import LightSpec
+from fit_material.renderer.scene.lights import DirectionalLightSpec
 from fit_material.renderer.synthesis.camera_placement import views
 from fit_material.renderer.synthesis.synthesise import SynthOptions, synthesise
 from tests.support import solids
@@ -101,7 +101,7 @@ def test_the_viewer_shows_each_side_made_of_its_material(octahedron, grey_file, 
 
 def test_a_light_shines_on_the_viewers_photographs(grey_file, tmp_path):
     """E of MODEL.md 4 is the irradiance over π, so that Mitsuba's matte ball looks alike."""
-    light = LightSpec(type="directional", direction=(0.0, 2.0, 0.0), irradiance=(math.pi, 0.0, 0.0))
+    light = DirectionalLightSpec(type="directional", direction=(0.0, 2.0, 0.0), irradiance=(math.pi, 0.0, 0.0))
     options = SynthOptions(CLAY, model="viewer", env=grey_file, lights=(light,), size=SIZE, views=1)
     synthesise(options, tmp_path)
     radiance = read_image(tmp_path / "view_0.exr").radiance

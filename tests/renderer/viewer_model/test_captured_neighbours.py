@@ -21,7 +21,7 @@ from fit_material.renderer.viewer_model.viewer_light import Surroundings
 from fit_material.shaders.materials.types import Glossy, Matte, Metal
 from fit_material.shaders.materials.widths import Blur
 from fit_material.shaders.optics import diffuse, fresnel
-from fit_material.shaders.shade import Light
+from fit_material.shaders.shade import EnvironmentLight
 
 SIZE = 32
 EPS32 = 2.0**-23
@@ -125,9 +125,9 @@ def test_the_sky_is_the_environment_at_the_texels_centre():
         torch.testing.assert_close(each.faces[..., :3][beside], cubemap.lookup(sky.cubemap, directions)[beside])
 
 
-def light_on(mesh: Mesh, appearances, surroundings: Surroundings, part: int = 0) -> Light:
+def light_on(mesh: Mesh, appearances, surroundings: Surroundings, part: int = 0) -> EnvironmentLight:
     found = illuminations(mesh, appearances, surroundings)[part]
-    assert isinstance(found, Light)
+    assert isinstance(found, EnvironmentLight)
     return found
 
 
@@ -171,7 +171,7 @@ def test_matte_objects_and_single_ones_capture_nothing():
     assert of_light == [True, False]
     assert all(light_on(two, (GOLD, GOLD), sky, part).depth is not None for part in (0, 1))
     without = illuminations(two, (GOLD, GOLD), sky, neighbours=False)
-    assert all(isinstance(each, Light) and each.depth is None for each in without)
+    assert all(isinstance(each, EnvironmentLight) and each.depth is None for each in without)
     one = dataclasses.replace(two, part=None, part_names=("default",))
     same = dataclasses.replace(two, part=np.zeros(len(two.faces), int))  # two names, but one object
     for mesh in (one, same):

@@ -14,7 +14,7 @@ from fit_material.renderer.environment.environment import Environment, direction
 from fit_material.renderer.geometry.mesh import Mesh, Sphere
 from fit_material.renderer.images.textures import Texture
 from fit_material.renderer.rays import gbuffer
-from fit_material.renderer.scene.scene_file import LightSpec
+from fit_material.renderer.scene.lights import DirectionalLightSpec
 from fit_material.renderer.viewer_model import shading
 from fit_material.renderer.viewer_model.model import Appearance, Maps, Model
 from fit_material.renderer.viewer_model.shading import applicable, render, render_shape, shade_surface
@@ -135,7 +135,7 @@ def test_normal_maps_turn_the_normal():
     """A map of one leaning normal: the plane is lit by a lamp as the leaning plane would be."""
     lean = tensor(0.36, 0.48, 0.8)
     maps = Maps(normal=Texture(((lean + 1) / 2).float().expand(2, 2, 3).contiguous()))
-    lamp = LightSpec(type="directional", direction=(0.0, 0.8, 0.6), irradiance=(math.pi, 1.0, 0.5))
+    lamp = DirectionalLightSpec(type="directional", direction=(0.0, 0.8, 0.6), irradiance=(math.pi, 1.0, 0.5))
     environment = Environment(torch.ones(2, 4, 3))
     light = surroundings(environment, [lamp], ambient=(0.0, 0.0, 0.0), size=4)
     found = picture(quad(), matte(1.0, 1.0, 1.0, maps=maps), light)
@@ -189,7 +189,7 @@ def test_pieces_and_shapes_make_no_difference(monkeypatch):
 
 @pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
 def test_the_pictures_dtype_is_the_materials(dtype):
-    lamp = LightSpec(type="directional", direction=(0.0, 0.8, 0.6), irradiance=(1.0, 1.0, 1.0))
+    lamp = DirectionalLightSpec(type="directional", direction=(0.0, 0.8, 0.6), irradiance=(1.0, 1.0, 1.0))
     light = surroundings(Environment(torch.ones(2, 4, 3)), [lamp], size=4)
     assert render_shape(Sphere(), [metal(0.1, dtype)], view(), light).dtype == dtype
 

@@ -10,8 +10,7 @@ from hypothesis import strategies as st
 
 from fit_material.renderer.environment import cubemap, latlong
 from fit_material.renderer.environment.environment import Environment
-from fit_material.renderer.scene.lights import directional_light
-from fit_material.renderer.scene.scene_file import LightSpec
+from fit_material.renderer.scene.lights import DirectionalLightSpec, directional_light
 from fit_material.renderer.synthesis.studio import studio
 from fit_material.renderer.viewer_model.viewer_light import VIEWER_FACE_SIZE, harmonic_moments, surroundings
 from fit_material.shaders.optics import diffuse
@@ -81,7 +80,7 @@ def test_a_lamp_lights_the_side_that_faces_it():
 
 def test_what_is_given_is_what_there_is():
     environment = studio(64)
-    light = LightSpec(type="directional", direction=(0.0, 3.0, 4.0), irradiance=(3.0, 2.0, 1.0))
+    light = DirectionalLightSpec(type="directional", direction=(0.0, 3.0, 4.0), irradiance=(3.0, 2.0, 1.0))
     found = surroundings(environment, [light, light], ambient=(0.1, 0.2, 0.3))
     assert found.cubemap.faces.shape == (6, VIEWER_FACE_SIZE, VIEWER_FACE_SIZE, 3)
     assert found.cubemap.faces.dtype == torch.float32
@@ -97,7 +96,7 @@ def test_what_is_given_is_what_there_is():
 
 @given(st.tuples(*[st.floats(-1e300, 1e300)] * 3).filter(any))
 def test_directions_of_any_length_become_unit_vectors(direction):
-    spec = LightSpec(type="directional", direction=direction, irradiance=(1.0, 1.0, 1.0))
+    spec = DirectionalLightSpec(type="directional", direction=direction, irradiance=(1.0, 1.0, 1.0))
     found = directional_light(spec).towards.numpy()
     assert np.linalg.norm(found) == pytest.approx(1, rel=1e-12)
     largest = int(np.abs(direction).argmax())
