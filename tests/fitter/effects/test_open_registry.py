@@ -1,4 +1,4 @@
-"""An effect that is defined in this file alone is planned, simulated and reported; its rule leaves it out, or a user."""
+"""An effect defined in this file alone is planned, simulated and reported; its rule leaves it out, or a user."""
 
 from __future__ import annotations
 

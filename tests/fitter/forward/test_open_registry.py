@@ -46,6 +46,7 @@ from fit_material.renderer.synthesis.synthesise import SynthOptions, synthesise
 from fit_material.renderer.viewer_model.viewer_light import surroundings
 from fit_material.shaders.lights import DirectionalLight, Incident, Light
 from fit_material.shaders.materials.types import Material, Matte, Metal
+from fit_material.shaders.materials.widths import Microfacet
 from fit_material.shaders.shade import EnvironmentLight, Points, reflection, scattered
 from tests.support.bowl import ALPHA, K, N, bowl, looks
 from tests.support.registries import added
@@ -106,7 +107,7 @@ LAMP = Bulb(vector(BULB), vector(INTENSITY))
 
 
 MATTE = Matte(vector(CLAY), vector((1.0, 1.0, 1.0)))
-METAL = Metal(vector(N), vector(K), torch.tensor(ALPHA, dtype=torch.float64))
+METAL = Metal(vector(N), vector(K), Microfacet(torch.tensor(ALPHA, dtype=torch.float64)))
 
 
 def as_if_far(light: Bulb) -> DirectionalLight:
