@@ -44,7 +44,7 @@ class Asked:
 
 
 @dataclass(frozen=True)
-class Crew:
+class Workers:
     """Who fits.
 
     Attributes:
@@ -88,7 +88,7 @@ class Batch:
                 self._note(name, *found, kept=True)
         return left
 
-    def fit(self, names: list[str], crew: Crew, progress: Progress) -> None:
+    def fit(self, names: list[str], crew: Workers, progress: Progress) -> None:
         """Fit those scenes and take their results over, each as soon as it is there."""
         done = 0
         self._where = crew.where

@@ -21,7 +21,7 @@ from fit_material.fitter.options.progress import Progress
 from fit_material.renderer.errors.input_error import InputError
 
 if TYPE_CHECKING:
-    from fit_material.fitter.batch.batch import Asked, Batch, Crew
+    from fit_material.fitter.batch.batch import Asked, Batch, Workers
     from fit_material.fitter.batch.scene_list import Listed
     from fit_material.fitter.batch.workers.scheduler import Scheduler
 
@@ -109,7 +109,7 @@ def _asked(listed: Listed, options: Mapping[str, Any]) -> Asked:
     return Asked(listed.scene, how, listed.words)
 
 
-def _run(batch: Batch, crew: Callable[[int], Crew], progress: Progress) -> str:
+def _run(batch: Batch, crew: Callable[[int], Workers], progress: Progress) -> str:
     """Fit what is left, and write the summary; a sentence on why scenes are left all the same, or ""."""
     from fit_material.fitter.batch.workers.pool import Lost
 
@@ -134,20 +134,20 @@ def _done(batch: Batch) -> str:
     return f"{done} of {len(batch.known)} scenes are done and kept; the same command goes on with the others"
 
 
-def _crew(scheduler: Scheduler | None, workers: int | None, cores: int | None, scenes: int) -> Crew:
+def _crew(scheduler: Scheduler | None, workers: int | None, cores: int | None, scenes: int) -> Workers:
     """For so many scenes."""
-    from fit_material.fitter.batch.batch import Crew
+    from fit_material.fitter.batch.batch import Workers
     from fit_material.fitter.batch.workers.pool import local_fits, usual_workers
     from fit_material.renderer.compute import threads
 
     if scheduler is not None:
         from fit_material.fitter.batch.workers.cluster import cluster_fits
 
-        return Crew(functools.partial(cluster_fits, scheduler), cores, f"the workers of {scheduler.address}")
+        return Workers(functools.partial(cluster_fits, scheduler), cores, f"the workers of {scheduler.address}")
     count = workers or usual_workers(scenes, cores or 1)
     share = cores or max(1, threads.cores() // count)
     where = f"{count} worker{'s' if count > 1 else ''} of {share} core{'s' if share > 1 else ''}"
-    return Crew(functools.partial(local_fits, count), share, where)
+    return Workers(functools.partial(local_fits, count), share, where)
 
 
 def _print(batch: Batch) -> None:

@@ -14,7 +14,7 @@ from torch import Tensor
 from fit_material.fitter.effects.one_bounce import returned_light
 from fit_material.fitter.effects.plan import Change
 from fit_material.fitter.effects.plan_rules import RULES
-from fit_material.fitter.forward.lighting import Setting
+from fit_material.fitter.forward.lighting import Lighting
 from fit_material.fitter.forward.pixel_model import PixelModel
 from fit_material.fitter.least_squares.noise import relative_weight
 from fit_material.fitter.materials.registry import FITTABLE
@@ -86,13 +86,13 @@ class Measurement:
 
     Attributes:
         sample: the pixels.
-        setting: the light, with all effects that are not ruled out.
+        lighting: the light, with all effects that are not ruled out.
         materials: that may be there, by what they are called.
         tolerance: relative change of a pixel that counts.
     """
 
     sample: Sample
-    setting: Setting
+    lighting: Lighting
     materials: Mapping[str, Material]
     tolerance: float
 
@@ -120,26 +120,26 @@ class Measurement:
         """Relative change of each pixel."""
         whole, made = self._wholes[material], self.materials[material]
         if RULES[name].traced:
-            returned = returned_light(self.sample.trace, self.sample.middles, self.setting, made)
+            returned = returned_light(self.sample.trace, self.sample.middles, self.lighting, made)
             return (returned * relative_weight(whole.mean(0) + returned)).amax(-1)
-        without = self._halves(self.setting.effects - {name}, made)
+        without = self._halves(self.lighting.effects - {name}, made)
         return sure((whole - without) * relative_weight(torch.maximum(whole, without).mean(0))).amax(-1)
 
     @cached_property
     def _wholes(self) -> dict[str, Float[Tensor, "2 p 3"]]:
         """The pictures of all materials with all effects."""
-        return {name: self._halves(self.setting.effects, made) for name, made in self.materials.items()}
+        return {name: self._halves(self.lighting.effects, made) for name, made in self.materials.items()}
 
     def _halves(self, effects: frozenset[str], material: Material) -> Float[Tensor, "2 p 3"]:
         """The radiance of the sample with these effects, by either half of the integration's samples."""
-        setting, surface = self.setting.simulating(effects), self.sample.surface
+        lighting, surface = self.lighting.simulating(effects), self.sample.surface
         key = (effects, material.has_body)
         if key not in self._bare:
-            self._bare[key] = setting.pixels(surface, body=key[1])
+            self._bare[key] = lighting.pixels(surface, body=key[1])
         of_table = frozenset(each for each in effects if RULES[each].changes_table)
         lobe = (of_table, None if material.width is None else float(material.width.value))
         if lobe not in self._tables:
-            self._tables[lobe] = setting.table_of(material, surface, SAMPLES)
+            self._tables[lobe] = lighting.table_of(material, surface, SAMPLES)
         model = self._bare[key].under(self._tables[lobe])
         return torch.stack([model.half(which).radiance(material) for which in (0, 1)])
 

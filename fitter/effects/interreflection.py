@@ -23,7 +23,7 @@ from torch import Tensor
 from torch.autograd.functional import jvp
 
 from fit_material.fitter.estimation.coarse_to_fine import Fit, Problem, refined
-from fit_material.fitter.forward.lighting import Setting
+from fit_material.fitter.forward.lighting import Lighting
 from fit_material.fitter.forward.pixel_model import MixedPixels, PixelModel
 from fit_material.fitter.least_squares.covariance import unbiased
 from fit_material.fitter.least_squares.reduced_residuals import solved
@@ -185,11 +185,11 @@ def polished(problem: Problem, fit: Fit, scene: DifferentiableScene) -> Polish:
         fit: where to begin.
         scene: the object in Mitsuba, the fitted metal the one that may change.
     """
-    seed, alike = PATHS_SEED + problem.setting.seed, fit.alike
+    seed, alike = PATHS_SEED + problem.lighting.seed, fit.alike
     for span in (WIDE, WIDE, problem.fidelity.spans[-1]):
-        setting = replace(problem.setting, fidelity=replace(problem.fidelity, spans=(span,)))
+        lighting = replace(problem.lighting, fidelity=replace(problem.fidelity, spans=(span,)))
         added = _traced(problem, _metal(fit), scene, seed)
-        means = (problem.observed, setting, problem.solver, problem.progress, added)
+        means = (problem.observed, lighting, problem.solver, problem.progress, added)
         fit = refined(PolishedProblem(*means, nuisances=problem.nuisances), fit)
     return Polish(replace(_settled(problem, fit, scene, seed), alike=alike), scene, seed)
 
@@ -274,13 +274,13 @@ def require_polishable(fidelity: Fidelity) -> None:
 
 
 def polish_scene(
-    loaded: Loaded, setting: Setting, materials: Mapping[int, Material], metal: int
+    loaded: Loaded, lighting: Lighting, materials: Mapping[int, Material], metal: int
 ) -> DifferentiableScene:
     """The object in Mitsuba, made of what was found; `materials` by their index among the mesh's."""
-    lobe = setting.fidelity.lobe
+    lobe = lighting.fidelity.lobe
     assert lobe == "ggx" or lobe == "beckmann"
     bsdfs = [_bsdf(materials[i], lobe) if i in materials else diffuse(GREY) for i in range(len(loaded.materials))]
-    return DifferentiableScene(loaded.shape, setting.environment, setting.sources, bsdfs, metal)
+    return DifferentiableScene(loaded.shape, lighting.environment, lighting.sources, bsdfs, metal)
 
 
 def _bsdf(material: Material, lobe: Distribution) -> Bsdf:

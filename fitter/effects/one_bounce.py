@@ -13,7 +13,7 @@ from jaxtyping import Bool, Float
 from torch import Tensor
 
 from fit_material.fitter.estimation.viewer_roughness import blur_like
-from fit_material.fitter.forward.lighting import Setting
+from fit_material.fitter.forward.lighting import Lighting
 from fit_material.renderer.light_tables.light_table import reflect
 from fit_material.renderer.materials.textured_material import Appearance
 from fit_material.renderer.rays.gbuffer import GBuffer, Tracer
@@ -26,13 +26,13 @@ from fit_material.shaders.materials.widths import alpha_of
 DIRECTIONS = 32
 
 
-def returned_light(trace: Tracer, surface: GBuffer, setting: Setting, material: Material) -> Float[Tensor, "p 3"]:
+def returned_light(trace: Tracer, surface: GBuffer, lighting: Lighting, material: Material) -> Float[Tensor, "p 3"]:
     """Radiance that points [p] send to the viewer of light that came from the object, float64.
 
     Args:
         trace: of the object.
         surface: points on its front.
-        setting: the light.
+        lighting: the light.
         material: of all of it.
     """
     surface = lifted(surface)
@@ -42,15 +42,15 @@ def returned_light(trace: Tracer, surface: GBuffer, setting: Setting, material: 
     if material.width is not None:
         mirrored = rough_reflections(surface, u1, u2, float(alpha_of(material.width)))
         reflectance = exact_reflectance(material, surface.n_dot_v[:, None].clamp(0, 1))
-        found = found + reflectance * _from_itself(trace, surface, mirrored, setting, material)
+        found = found + reflectance * _from_itself(trace, surface, mirrored, lighting, material)
     if material.color is not None:
         above = cosine_directions(surface, u1, u2)
-        found = found + material.color * _from_itself(trace, surface, above, setting, material)
+        found = found + material.color * _from_itself(trace, surface, above, lighting, material)
     return found
 
 
 def _from_itself(
-    trace: Tracer, surface: GBuffer, towards: Float[Tensor, "p s 3"], setting: Setting, material: Material
+    trace: Tracer, surface: GBuffer, towards: Float[Tensor, "p s 3"], lighting: Lighting, material: Material
 ) -> Float[Tensor, "p 3"]:
     """Mean radiance from these directions, of which what does not meet the object counts as dark."""
     above = (towards * surface.geometric_normal[:, None]).sum(-1) > 0
@@ -58,7 +58,7 @@ def _from_itself(
     met = trace(origins[above], towards[above])
     shown = replace(met, hit=met.front, material=0 * met.material, part=0 * met.part)
     as_viewed = material if material.width is None else material.with_width(blur_like(material.width))
-    shaded = shade_surface(shown, [Appearance(as_viewed)], [far_light(setting.viewers)]).double()
+    shaded = shade_surface(shown, [Appearance(as_viewed)], [far_light(lighting.viewers)]).double()
     radiance = torch.zeros_like(towards)
     radiance[above] = shaded * ~_hidden(trace, shown, material)[:, None]
     return radiance.mean(1)

@@ -9,7 +9,7 @@ from functools import cached_property
 from fit_material.fitter.effects.effect_measurement import Measurement, Sample, possible
 from fit_material.fitter.effects.plan import Change, Plan, planned
 from fit_material.fitter.effects.plan_rules import Facts
-from fit_material.fitter.forward.lighting import Setting
+from fit_material.fitter.forward.lighting import Lighting
 from fit_material.fitter.observations.pixel_selection import FEWEST
 from fit_material.fitter.observations.scene_data import Loaded
 from fit_material.fitter.options.fidelity import Fidelity
@@ -33,24 +33,24 @@ class Planner:
 
     Attributes:
         loaded, trace: the scene.
-        setting: the light, without an occluder.
+        lighting: the light, without an occluder.
         options: of the fit.
     """
 
     loaded: Loaded
     trace: Tracer
-    setting: Setting
+    lighting: Lighting
     options: FitOptions
 
     @cached_property
     def occluder(self) -> Occluder | None:
         """What may stand before the light; None where the object is convex, and in the thesis's model."""
-        return None if self.setting.fidelity.blurs else occluder(self.loaded.shape)
+        return None if self.lighting.fidelity.blurs else occluder(self.loaded.shape)
 
     @cached_property
     def sample(self) -> Sample:
         """Pixels to measure effects on."""
-        footprint = min(self.setting.fidelity.footprint, FOOTPRINT)
+        footprint = min(self.lighting.fidelity.footprint, FOOTPRINT)
         return Sample.of(self.loaded.photographs, self.trace, footprint, self.options.seed)
 
     def plan(self, kinds: Sequence[MaterialType | None], found: Mapping[str, Material] | None = None) -> Plan:
@@ -60,11 +60,11 @@ class Planner:
             kinds: types of the materials, None where that is open.
             found: the materials, by name, once they are known.
         """
-        fidelity, options = self.setting.fidelity, self.options
+        fidelity, options = self.lighting.fidelity, self.options
         types = frozenset(each.type for each in found.values()) if found else _possible_types(kinds)
         facts = Facts(
             kinds=types,
-            lights=len(self.setting.sources),
+            lights=len(self.lighting.sources),
             convex=fidelity.blurs or self.occluder is None,
             blurs=fidelity.blurs,
             reflectance=fidelity.reflectance,
@@ -77,7 +77,7 @@ class Planner:
         materials = possible(types, Blur if fidelity.blurs else Microfacet) if found is None else found
 
         def measured(names: Collection[str]) -> Mapping[str, Change]:
-            everything = replace(self.setting, occluder=self.occluder, effects=frozenset(EFFECTS))
+            everything = replace(self.lighting, occluder=self.occluder, effects=frozenset(EFFECTS))
             return Measurement(self.sample, everything, materials, tolerance).changes(names)
 
         wanted = (*options.wanted, *(("interreflection",) if options.polish else ()))
@@ -96,12 +96,12 @@ class Planner:
         """Share of the pixels that mirror nothing of an object that is not convex."""
         return 1 - self.sample.self_seeing
 
-    def simulating(self, plan: Plan) -> Setting:
+    def simulating(self, plan: Plan) -> Lighting:
         """The light with what the plan has on."""
         by_rays = plan.on - ({"self-visibility"} if plan["interreflection"].on else set())  # else the paths have it
         hides = by_rays & {"self-visibility", "ambient-occlusion"}
         before = (self.occluder or Occluder.of(self.loaded.shape)) if hides else None
-        return replace(self.setting, occluder=before).simulating(by_rays)
+        return replace(self.lighting, occluder=before).simulating(by_rays)
 
     def kept(self, plan: Plan, kinds: Sequence[MaterialType | None]) -> tuple[int, ...]:
         """Materials of which pixels are taken though they mirror the object: its light is simulated there, or small."""

@@ -16,8 +16,8 @@ from fit_material.fitter.forward.pixel_model import PixelModel
 from fit_material.fitter.forward.rotated_environment import TurnedPixels
 from fit_material.fitter.least_squares.covariance import unbiased
 from fit_material.fitter.least_squares.noise import even_whitening, local_whitening, relative_weight, scatter
-from fit_material.fitter.least_squares.nuisances import SCANNED, STEPS, Gains, Turn
-from fit_material.fitter.least_squares.reduced_residuals import Condensed, condensed, solved
+from fit_material.fitter.least_squares.nuisances import SCANNED, STEPS, NuisanceFactors, RotationBracket
+from fit_material.fitter.least_squares.reduced_residuals import ReducedResiduals, condensed, solved
 from fit_material.fitter.least_squares.residuals import Residuals
 from fit_material.fitter.least_squares.sample_halves import Halves
 from fit_material.fitter.least_squares.solvers import ROUGH, Solution
@@ -62,7 +62,7 @@ class Fit:
         return self.residuals.picture(self.x)
 
     @cached_property
-    def condensate(self) -> Condensed | None:
+    def condensate(self) -> ReducedResiduals | None:
         """The residuals, condensed; None where they cannot be."""
         return condensed(self.residuals, self.x) if self.residuals.mixes(self.x) else None
 
@@ -89,12 +89,12 @@ def draft(problem: Problem, kind: MaterialType) -> Fit:
 
     Where the environment's rotation is to be fitted, it is sought among a few, and then nearby.
     """
-    problem = problem.coarse
-    if not problem.scanned:
+    problem = problem.on_search_pixels
+    if not problem.rotation_candidates:
         return _draft(problem, kind)
-    costs = [_draft(each, kind).solution.cost for each in problem.scanned]
-    rough = _draft(problem.about(Turn(SCANNED[costs.index(min(costs))], STEPS[0])), kind)
-    return _draft(problem.about(Turn(_degrees(rough), STEPS[0])), kind)
+    costs = [_draft(each, kind).solution.cost for each in problem.rotation_candidates]
+    rough = _draft(problem.at_rotation(RotationBracket(SCANNED[costs.index(min(costs))], STEPS[0])), kind)
+    return _draft(problem.at_rotation(RotationBracket(_degrees(rough), STEPS[0])), kind)
 
 
 def _degrees(fit: Fit) -> float:
@@ -104,7 +104,9 @@ def _degrees(fit: Fit) -> float:
 
 def facing(problem: Problem, fit: Fit) -> Problem:
     """The problem with the environment as the fit has it turned, if that is unknown."""
-    return problem if not problem.scanned else problem.about(Turn(_degrees(fit), STEPS[-1]))
+    return (
+        problem if not problem.rotation_candidates else problem.at_rotation(RotationBracket(_degrees(fit), STEPS[-1]))
+    )
 
 
 def _draft(problem: Problem, kind: MaterialType) -> Fit:
@@ -125,7 +127,7 @@ def _draft(problem: Problem, kind: MaterialType) -> Fit:
     return Fit(residuals, solution, solution.x, solution.seconds)
 
 
-def _guessed(problem: Problem, kind: MaterialType, model: PixelModel) -> Gains | None:
+def _guessed(problem: Problem, kind: MaterialType, model: PixelModel) -> NuisanceFactors | None:
     """The unknown factors of the pixels, exposures of which nothing is known about those of an object of middling
     reflectance."""
     if problem.nuisances is None:
@@ -135,7 +137,7 @@ def _guessed(problem: Problem, kind: MaterialType, model: PixelModel) -> Gains |
     guess = torch.zeros(problem.nuisances.photographs, 3, dtype=seen.dtype)
     for each in photograph.unique().tolist():
         guess[each] = ratio[photograph == each].median()
-    return Gains(problem.nuisances.about(guess), photograph)
+    return NuisanceFactors(problem.nuisances.about(guess), photograph)
 
 
 def _half_reflecting(kind: MaterialType, model: PixelModel) -> Material:
@@ -149,17 +151,17 @@ def refined(problem: Problem, rough: Fit) -> Fit:
     return _last(_refinements(problem, rough))
 
 
-def anew(problem: Problem, fit: Fit) -> Fit:
+def refit_nearby(problem: Problem, fit: Fit) -> Fit:
     """The fit of a problem next to whose solution another one's lies, by the finest tables alone."""
     return _last(_finest(facing(problem, fit), fit))
 
 
 def _refinements(problem: Problem, fit: Fit) -> Iterator[Fit]:
     problem = facing(problem, fit)
-    coarse, fidelity = problem.coarse, problem.fidelity
+    coarse, fidelity = problem.on_search_pixels, problem.fidelity
     samples = min(fidelity.samples, MIDWAY * fidelity.search_samples)
     for factor in fidelity.spans[:-1] if fit.material.mirrors else ():
-        span = _span_around(roughness_of(fit), factor, problem.whole)
+        span = _span_around(roughness_of(fit), factor, problem.roughness_range)
         fit = next_round(coarse, fit, coarse.table(span, fidelity.levels, samples, "integrating"))
         yield fit
     yield from _finest(problem, fit)
@@ -176,7 +178,7 @@ def _finest(problem: Problem, fit: Fit) -> Iterator[Fit]:
         return
     fidelity = problem.fidelity
     for _ in range(1 + MORE_ROUNDS):
-        span = _span_around(roughness_of(fit), fidelity.spans[-1], problem.whole)
+        span = _span_around(roughness_of(fit), fidelity.spans[-1], problem.roughness_range)
         table = problem.table(span, fidelity.levels, fidelity.samples, "integrating")
         fit = next_round(problem, fit, table, everywhere=True)
         yield fit
@@ -196,11 +198,11 @@ def next_round(problem: Problem, before: Fit, table: LightTable | None, everywhe
         coordinates = replace(coordinates, width=WidthInterval.of(table))  # type: ignore[call-arg]
     seen = problem.observed.radiance
     gains = before.residuals.gains
-    beside = before.residuals.beside(before.x)
+    beside = before.residuals.nuisance_part(before.x)
     factors, shown = torch.ones_like(seen), model
     if gains is not None and problem.nuisances is not None:
         nuisances = replace(gains.nuisances, turn=problem.nuisances.turn)
-        gains = Gains(nuisances, problem.observed.place[:, 0])
+        gains = NuisanceFactors(nuisances, problem.observed.place[:, 0])
         factors = gains.factors(beside)
         shown = model.at(nuisances.steps(beside)) if isinstance(model, TurnedPixels) else model
     whitening = _whitening(problem, shown.radiance(before.material), seen / factors)
@@ -209,7 +211,7 @@ def next_round(problem: Problem, before: Fit, table: LightTable | None, everywhe
     observed = problem.observed
     residuals = Residuals(model, coordinates, seen, whitening, gains, observed.clusters, observed.bounded)
     start = torch.cat([coordinates.free(before.material), beside])
-    starts = [start, *coordinates.elsewhere(start)] if everywhere else [start]
+    starts = [start, *coordinates.alternative_starts(start)] if everywhere else [start]
     solution = solved(residuals, starts, problem.solver)
     x = unbiased(residuals, solution.x)
     return Fit(residuals, solution, x, before.solve_seconds + solution.seconds)
@@ -264,7 +266,7 @@ def left_its_table(problem: Problem, fit: Fit) -> bool:
     span = fit.residuals.coordinates.width
     if span is None:
         return False
-    low, high, whole, roughness = span.low, span.high, problem.whole, roughness_of(fit)
+    low, high, whole, roughness = span.low, span.high, problem.roughness_range, roughness_of(fit)
     margin = 0.05 * (high - low)
     at_low = roughness < low + margin and low > whole[0] * 1.01
     at_high = roughness > high - margin and high < whole[1] / 1.01

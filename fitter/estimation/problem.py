@@ -9,12 +9,12 @@ from functools import cached_property
 from jaxtyping import Int
 from torch import Tensor
 
-from fit_material.fitter.forward.lighting import Setting
+from fit_material.fitter.forward.lighting import Lighting
 from fit_material.fitter.forward.pixel_model import PixelModel, central
 from fit_material.fitter.forward.rotated_environment import TURNS, joined, turned
 from fit_material.fitter.forward.textured_pixels import SpottedPixels
 from fit_material.fitter.least_squares.noise import neighbours_of, relative_weight
-from fit_material.fitter.least_squares.nuisances import SCANNED, Nuisances, Turn
+from fit_material.fitter.least_squares.nuisances import SCANNED, Nuisances, RotationBracket
 from fit_material.fitter.least_squares.solvers import Solver
 from fit_material.fitter.observations.pixel_selection import Observations
 from fit_material.fitter.options.fidelity import BLUR_RANGE, MICROFACET_RANGE, Fidelity
@@ -29,55 +29,55 @@ class Problem:
 
     Attributes:
         observed: the pixels.
-        setting: the light, and how accurately to compute it.
+        lighting: the light, and how accurately to compute it.
         solver: least squares.
         progress: told the stage and its share done.
         nuisances: what is unknown beside the material; None where nothing is.
     """
 
     observed: Observations
-    setting: Setting
+    lighting: Lighting
     solver: Solver
     progress: Progress
     nuisances: Nuisances | None = field(default=None, kw_only=True)
 
     @property
-    def settings(self) -> tuple[Setting, ...]:
+    def settings(self) -> tuple[Lighting, ...]:
         """The light as it is; or under the turns of the environment between which its rotation is fitted."""
         turn = None if self.nuisances is None else self.nuisances.turn
         if turn is None:
-            return (self.setting,)
-        return tuple(self.setting.turned(turn.centre + each * turn.step) for each in TURNS)
+            return (self.lighting,)
+        return tuple(self.lighting.turned(turn.centre + each * turn.step) for each in TURNS)
 
-    def about(self, turn: Turn) -> Problem:
+    def at_rotation(self, turn: RotationBracket) -> Problem:
         """The same with the environment's rotation to be fitted there."""
         assert self.nuisances is not None
         return replace(self, nuisances=replace(self.nuisances, turn=turn))
 
     @cached_property
-    def scanned(self) -> tuple[Problem, ...]:
+    def rotation_candidates(self) -> tuple[Problem, ...]:
         """Where the environment's rotation is to be fitted: the same with each of a few, which is not; else none."""
         if self.nuisances is None or self.nuisances.turn is None:
             return ()
         rest = self.nuisances.without_turn()
-        return tuple(replace(self, setting=self.setting.turned(each), nuisances=rest) for each in SCANNED)
+        return tuple(replace(self, lighting=self.lighting.turned(each), nuisances=rest) for each in SCANNED)
 
     @property
     def fidelity(self) -> Fidelity:
-        return self.setting.fidelity
+        return self.lighting.fidelity
 
     @property
-    def whole(self) -> tuple[float, float]:
+    def roughness_range(self) -> tuple[float, float]:
         """The range of roughness."""
         return BLUR_RANGE if self.fidelity.blurs else MICROFACET_RANGE
 
     def table(self, span: tuple[float, float], levels: int, samples: int, stage: str) -> LightTable:
         report = functools.partial(self.progress, stage)
         asked = (self.observed.surface, (*span, levels), samples, report)
-        return joined([setting.table(*asked) for setting in self.settings])
+        return joined([lighting.table(*asked) for lighting in self.settings])
 
     @cached_property
-    def coarse(self) -> Problem:
+    def on_search_pixels(self) -> Problem:
         """The same with the search's pixels alone, of which all are measured."""
         measured = self.observed.measured
         every = max(1, round(len(measured.radiance) / self.fidelity.search_pixels))
@@ -91,16 +91,16 @@ class Problem:
     @cached_property
     def search_table(self) -> LightTable:
         """A coarse table over all roughnesses, which all types share."""
-        return self.table(self.whole, self.fidelity.search_levels, self.fidelity.search_samples, "searching")
+        return self.table(self.roughness_range, self.fidelity.search_levels, self.fidelity.search_samples, "searching")
 
     @cached_property
     def _surface(self) -> PixelModel:
-        return turned([setting.pixels(self.observed.surface, body=False) for setting in self.settings])
+        return turned([lighting.pixels(self.observed.surface, body=False) for lighting in self.settings])
 
     @cached_property
     def _body(self) -> PixelModel:
         observed = self.observed
-        model = turned([setting.pixels(observed.surface, body=True) for setting in self.settings])
+        model = turned([lighting.pixels(observed.surface, body=True) for lighting in self.settings])
         if observed.spot is None:
             return model
         return SpottedPixels(model, observed.spot, observed.radiance, relative_weight(observed.radiance))

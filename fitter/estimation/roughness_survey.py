@@ -63,7 +63,7 @@ class _Survey:
 
     @staticmethod
     def of(problem: Problem, fit: Fit) -> _Survey:
-        coarse = problem.coarse
+        coarse = problem.on_search_pixels
         levels = list(_levels(coarse.search_table))
         apart = [abs(math.log(_middle(level) / roughness_of(fit))) for level in levels]
         start = apart.index(min(apart))

@@ -10,8 +10,8 @@ from jaxtyping import Float
 from torch import Tensor
 
 from fit_material.fitter.estimation.coarse_to_fine import Fit
-from fit_material.fitter.forward.lighting import Setting
-from fit_material.fitter.least_squares.covariance import TWO_SIDED_95, Spread, is_determined
+from fit_material.fitter.forward.lighting import Lighting
+from fit_material.fitter.least_squares.covariance import TWO_SIDED_95, Covariance, is_determined
 from fit_material.fitter.least_squares.nuisances import Nuisances, Unknown
 from fit_material.fitter.result.schema import CHANNELS, Nuisance
 from fit_material.fitter.uncertainty.profile_likelihood import intervals
@@ -27,7 +27,7 @@ WORDS = {
 
 
 @dataclass(frozen=True)
-class Beside:
+class NuisanceEstimates:
     """The unknown factors of a scene as its materials' fits found them, each by the fit that knows it best.
 
     Attributes:
@@ -68,7 +68,7 @@ class Beside:
         return sentences
 
 
-def found_beside(fits: Sequence[tuple[Fit, Spread]], names: Sequence[str]) -> Beside | None:
+def nuisance_estimates(fits: Sequence[tuple[Fit, Covariance]], names: Sequence[str]) -> NuisanceEstimates | None:
     """What was fitted beside the materials; None where nothing was.
 
     Args:
@@ -80,12 +80,12 @@ def found_beside(fits: Sequence[tuple[Fit, Spread]], names: Sequence[str]) -> Be
         return None
     unknowns = gains.nuisances.unknowns
     chosen = [min(fits, key=lambda each: _error(*each, index)) for index in range(len(unknowns))]
-    z = torch.stack([fit.residuals.beside(fit.x)[index] for index, (fit, _) in enumerate(chosen)])
+    z = torch.stack([fit.residuals.nuisance_part(fit.x)[index] for index, (fit, _) in enumerate(chosen)])
     records = [_record(*each, index, names) for index, each in enumerate(chosen)]
-    return Beside(gains.nuisances, z, tuple(records))
+    return NuisanceEstimates(gains.nuisances, z, tuple(records))
 
 
-def guessed(fit: Fit, spread: Spread) -> tuple[str, ...]:
+def guessed(fit: Fit, spread: Covariance) -> tuple[str, ...]:
     """What was fitted beside a material and is not determined, in words."""
     gains = fit.residuals.gains
     if gains is None:
@@ -96,19 +96,19 @@ def guessed(fit: Fit, spread: Spread) -> tuple[str, ...]:
     return tuple(dict.fromkeys(WORDS[each.name] for each in found if not each.determined))
 
 
-def _error(fit: Fit, spread: Spread, index: int) -> float:
+def _error(fit: Fit, spread: Covariance, index: int) -> float:
     """Standard deviation of one logarithm."""
     place = fit.residuals.coordinates.size + index
     return float(spread.covariance[place, place].sqrt())
 
 
-def _record(fit: Fit, spread: Spread, index: int, names: Sequence[str]) -> Nuisance:
+def _record(fit: Fit, spread: Covariance, index: int, names: Sequence[str]) -> Nuisance:
     gains = fit.residuals.gains
     assert gains is not None
     nuisances, unknown = gains.nuisances, gains.nuisances.unknowns[index]
 
     def quantity(x: Tensor) -> Tensor:
-        return unknown.value(fit.residuals.beside(x)[index : index + 1])
+        return unknown.value(fit.residuals.nuisance_part(x)[index : index + 1])
 
     low, high = (float(end) for end in intervals(fit, spread, quantity))
     value = float(quantity(fit.x))
@@ -133,10 +133,10 @@ def _resolution(unknown: Unknown) -> tuple[float, float]:
     return (0.0, ROTATION_RESOLVED) if unknown.key == "rotation" else (FACTOR_RESOLVED, 0.0)
 
 
-def turned(setting: Setting, fit: Fit) -> Setting:
+def turned(lighting: Lighting, fit: Fit) -> Lighting:
     """The light with the environment as a fit has it turned, where that was unknown."""
     gains = fit.residuals.gains
-    return setting if gains is None or gains.nuisances.turn is None else setting.turned(fit.residuals.rotation(fit.x))
+    return lighting if gains is None or gains.nuisances.turn is None else lighting.turned(fit.residuals.rotation(fit.x))
 
 
 def _listed(records: Sequence[Nuisance]) -> str:

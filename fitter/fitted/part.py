@@ -13,8 +13,8 @@ from torch import Tensor
 from fit_material.fitter.estimation.model_selection import Choice
 from fit_material.fitter.fitted.determinability import Seen
 from fit_material.fitter.fitted.summary import describe
-from fit_material.fitter.forward.lighting import Setting
-from fit_material.fitter.least_squares.covariance import Spread
+from fit_material.fitter.forward.lighting import Lighting
+from fit_material.fitter.least_squares.covariance import Covariance
 from fit_material.fitter.metal_prior.borrowed import Borrowed, TooFar
 from fit_material.fitter.observations.pixel_selection import Observations
 from fit_material.fitter.result.schema import FittedMaterial, Tolerance
@@ -36,7 +36,7 @@ class FittedPart:
         choice: its fit.
         spread: covariance of the fit's free vector.
         material: the numbers to report.
-        setting: the light, and how accurately it was computed.
+        lighting: the light, and how accurately it was computed.
         seen: what the photographs offered to the fit.
         borrowed: n and k as known metals suggest them, or why none do; None where that was not asked.
         remarks: what else there is to say of the fit, in sentences, in the order in which it came up.
@@ -48,9 +48,9 @@ class FittedPart:
     index: int
     observed: Observations
     choice: Choice
-    spread: Spread
+    spread: Covariance
     material: FittedMaterial
-    setting: Setting
+    lighting: Lighting
     seen: Seen
     borrowed: Borrowed | TooFar | None = None
     remarks: tuple[str, ...] = ()
@@ -77,7 +77,7 @@ class FittedPart:
         return replace(self.remarked(ascent.sentence), ascent=ascent)
 
 
-def painted(
+def shade_by_material(
     parts: Sequence[FittedPart],
     surface: GBuffer,
     radiance_of: Callable[[FittedPart, GBuffer], Float[Tensor, "p 3"]],

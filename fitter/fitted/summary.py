@@ -9,7 +9,7 @@ from fit_material.fitter.estimation.coarse_to_fine import Fit
 from fit_material.fitter.estimation.model_selection import DECISIVE, Choice
 from fit_material.fitter.estimation.viewer_roughness import ViewerRoughness
 from fit_material.fitter.fitted.determinability import Seen, on_the_prior, sees_f0_only, verdicts
-from fit_material.fitter.least_squares.covariance import Spread, is_determined
+from fit_material.fitter.least_squares.covariance import Covariance, is_determined
 from fit_material.fitter.materials.registry import FITTABLE
 from fit_material.fitter.metal_prior.borrowed import Borrowed, TooFar
 from fit_material.fitter.metal_prior.substitution import from_prior, with_prior
@@ -44,7 +44,7 @@ NO_METAL_BEYOND = 0.995  # silver, the most reflective, has F0 = 0.988
 def fitted_material(
     name: str,
     fit: Fit,
-    spread: Spread,
+    spread: Covariance,
     rho: ViewerRoughness | None,
     nearest: Sequence[Nearest],
     borrowed: Borrowed | TooFar | None = None,

@@ -44,7 +44,7 @@ MOST_OCCLUDED = 2000  # pixels of a picture for which rays look in all direction
 
 
 @dataclass(frozen=True)
-class Setting:
+class Lighting:
     """The light on the object, and how accurately to compute it.
 
     Attributes:
@@ -71,14 +71,14 @@ class Setting:
     openness: tuple[Texture | None, ...] = ()
     received: DiffuseLight | None = None
 
-    def simulating(self, effects: frozenset[str]) -> Setting:
+    def simulating(self, effects: frozenset[str]) -> Lighting:
         """The same light with these effects, and no others."""
         fidelity = self.fidelity
         if fidelity.reflectance == "conductor" and "exact-fresnel" not in effects:
             fidelity = replace(fidelity, reflectance="lazanyi")
         return replace(self, effects=effects, fidelity=fidelity)
 
-    def turned(self, degrees: float) -> Setting:
+    def turned(self, degrees: float) -> Lighting:
         """The same with the environment turned further about +Y."""
         environment = replace(self.environment, rotation=self.environment.rotation + degrees)
         return replace(self, environment=environment)
@@ -224,11 +224,11 @@ class Setting:
         return table.reshape(*normals.shape[:3], -1)
 
 
-def setting_of(loaded: Loaded, options: FitOptions, device: torch.device) -> Setting:
+def lighting_for(loaded: Loaded, options: FitOptions, device: torch.device) -> Lighting:
     """The light of the scene on that device, and how accurately to compute it."""
     fidelity = options.fidelity
     radiance = box_filtered(loaded.environment.radiance, fidelity.environment_size)
     environment = replace(loaded.environment, radiance=radiance.to(device, getattr(torch, fidelity.dtype)))
     sources = tuple(light_of(light) for light in loaded.scene.lights)
     openness = tuple(each.ambient_occlusion for each in loaded.maps)
-    return Setting(environment, sources, options.fidelity, options.seed, openness=openness)
+    return Lighting(environment, sources, options.fidelity, options.seed, openness=openness)

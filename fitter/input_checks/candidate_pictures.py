@@ -17,7 +17,7 @@ from torch import Tensor
 
 from fit_material.fitter.forward.pixel_model import DirectLight
 from fit_material.fitter.input_checks.orientation import Orientation, about_y
-from fit_material.fitter.input_checks.sampled_pixels import Looks
+from fit_material.fitter.input_checks.sampled_pixels import SampledPixels
 from fit_material.renderer.environment import cubemap
 from fit_material.renderer.environment.cubemap import Cubemap
 from fit_material.renderer.environment.downsampling import box_filtered
@@ -81,7 +81,7 @@ class CoarseLight:
         radiance = box_filtered(environment.radiance, COLUMNS)
         return CoarseLight(replace(environment, radiance=radiance), tuple(sources))
 
-    def pictures(self, looks: Looks, orientations: Sequence[Orientation], seed: int = 0) -> Pictures:
+    def pictures(self, looks: SampledPixels, orientations: Sequence[Orientation], seed: int = 0) -> Pictures:
         """What the pixels would show in each orientation of the environment."""
         rotation = self.environment.rotation
         matrices = [about_y(rotation) @ each.to_map(rotation) for each in orientations]

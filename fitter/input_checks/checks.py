@@ -11,7 +11,7 @@ import torch
 from fit_material.fitter.input_checks.candidate_pictures import CoarseLight
 from fit_material.fitter.input_checks.duplicates import duplicate_findings, rows_of
 from fit_material.fitter.input_checks.finding import Finding, percent
-from fit_material.fitter.input_checks.hypotheses import Gains, Supposition, Tribunal
+from fit_material.fitter.input_checks.hypotheses import Hypothesis, HypothesisTest, NuisanceFactors
 from fit_material.fitter.input_checks.lighting import Named, darkness_findings, findings, steps, turning
 from fit_material.fitter.input_checks.orientation import GIVEN, Orientation, upright
 from fit_material.fitter.input_checks.pixel_values import pixel_findings
@@ -103,9 +103,9 @@ def _light(loaded: Loaded, numbers: Sequence[int], trace: Tracer, scene_file: Pa
     sources = [light_of(light) for light in loaded.scene.lights]
     light = CoarseLight.of(loaded.environment, sources)
     linear = [_is_linear(loaded.scene.photographs[number]) for number in numbers]
-    tribunal = Tribunal(looks, light, torch.tensor(linear), seed)
+    tribunal = HypothesisTest(looks, light, torch.tensor(linear), seed)
     called = [_named(number, loaded.photographs[number]) for number in numbers]
-    start = Supposition(gains=_gains(loaded, called))
+    start = Hypothesis(gains=_gains(loaded, called))
     found = steps(tribunal, start)
     orientation = found[-1].after.orientation if found else GIVEN
     told = findings(found, called, tribunal)
@@ -114,7 +114,7 @@ def _light(loaded: Loaded, numbers: Sequence[int], trace: Tracer, scene_file: Pa
     return Lit(orientation, tuple(told))
 
 
-def _gains(loaded: Loaded, called: Sequence[Named]) -> Gains:
+def _gains(loaded: Loaded, called: Sequence[Named]) -> NuisanceFactors:
     """Which exposures are left to the fit; the environment's scale is one for all."""
     if any(each.exposure is None for each in called):
         return "each"

@@ -10,7 +10,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from fit_material.fitter.input_checks.candidate_pictures import Pictures
-from fit_material.fitter.input_checks.sampled_pixels import Looks
+from fit_material.fitter.input_checks.sampled_pixels import SampledPixels
 from fit_material.fitter.least_squares.noise import darkest
 
 DIELECTRICS = (0.02, 0.04, 0.08, 0.16)  # reflectances that are tried
@@ -19,7 +19,7 @@ Curve = Callable[[Tensor], Tensor]
 
 
 @dataclass(frozen=True)
-class Seen:
+class AssumedPhotographs:
     """What photographs show, by what is supposed of them.
 
     Attributes:
@@ -35,10 +35,10 @@ class Seen:
     exposure: Float[Tensor, " p"]
 
     @staticmethod
-    def of(looks: Looks, curve: Curve, coded: Curve, gains: Float[Tensor, " i"]) -> Seen:
+    def of(looks: SampledPixels, curve: Curve, coded: Curve, gains: Float[Tensor, " i"]) -> AssumedPhotographs:
         """The photographs, if their pixels become linear by a curve, and each is brighter by a gain than it says."""
         pixels = looks.seen * looks.exposure
-        return Seen(pixels, curve(pixels), coded, looks.exposure * gains[looks.photograph])
+        return AssumedPhotographs(pixels, curve(pixels), coded, looks.exposure * gains[looks.photograph])
 
     @property
     def radiance(self) -> Float[Tensor, "3 p"]:
@@ -68,7 +68,7 @@ class Explanation:
     picture: Float[Tensor, "o 3 p"]
 
 
-def explain(pictures: Pictures, seen: Seen) -> Explanation:
+def explain(pictures: Pictures, seen: AssumedPhotographs) -> Explanation:
     """The best of all types and roughnesses."""
     best: Explanation | None = None
     for picture in _candidates(pictures, seen.radiance):

@@ -11,18 +11,18 @@ from jaxtyping import Bool, Float
 from torch import Tensor
 
 from fit_material.fitter.input_checks.candidate_pictures import CoarseLight, Pictures
-from fit_material.fitter.input_checks.coarse_fit import Explanation, Seen, explain
+from fit_material.fitter.input_checks.coarse_fit import AssumedPhotographs, Explanation, explain
 from fit_material.fitter.input_checks.orientation import GIVEN, Orientation
-from fit_material.fitter.input_checks.sampled_pixels import Looks
+from fit_material.fitter.input_checks.sampled_pixels import SampledPixels
 from fit_material.shaders.tone_mapping import srgb
 
-Gains = Literal["as said", "each", "all"]
+NuisanceFactors = Literal["as said", "each", "all"]
 BATCH = 8  # orientations integrated at a time, which bounds the memory
 ROUNDS = 4  # in which materials and gains take turns
 
 
 @dataclass(frozen=True)
-class Supposition:
+class Hypothesis:
     """How things may be.
 
     Attributes:
@@ -33,7 +33,7 @@ class Supposition:
 
     orientation: Orientation = GIVEN
     recoded: frozenset[int] = frozenset()
-    gains: Gains = "as said"
+    gains: NuisanceFactors = "as said"
 
 
 @dataclass(frozen=True)
@@ -50,7 +50,7 @@ class Trial:
 
 
 @dataclass(frozen=True)
-class Tribunal:
+class HypothesisTest:
     """What suppositions are tried with.
 
     Attributes:
@@ -60,7 +60,7 @@ class Tribunal:
         seed: of the integration.
     """
 
-    looks: Sequence[Looks]
+    looks: Sequence[SampledPixels]
     light: CoarseLight
     declared_linear: Bool[Tensor, " i"]
     seed: int = 0
@@ -86,10 +86,10 @@ class Tribunal:
         ]
         return max(ratios, default=1.0)
 
-    def misfit(self, supposition: Supposition) -> float:
+    def misfit(self, supposition: Hypothesis) -> float:
         return self.trial(supposition).misfit
 
-    def trial(self, supposition: Supposition) -> Trial:
+    def trial(self, supposition: Hypothesis) -> Trial:
         """The best materials under a supposition."""
         self.prepare([supposition.orientation])
         gains = torch.ones(len(self.declared_linear))
@@ -101,14 +101,14 @@ class Tribunal:
             explained = self._explained(supposition, gains)
         return Trial(self._mean(explained), gains)
 
-    def _explained(self, supposition: Supposition, gains: Float[Tensor, " i"]) -> list[Explanation]:
+    def _explained(self, supposition: Hypothesis, gains: Float[Tensor, " i"]) -> list[Explanation]:
         pictures = self._pictures[supposition.orientation]
         return [
             explain(picture, self._seen(looks, supposition, gains))
             for looks, picture in zip(self.looks, pictures, strict=True)
         ]
 
-    def _seen(self, looks: Looks, supposition: Supposition, gains: Float[Tensor, " i"]) -> Seen:
+    def _seen(self, looks: SampledPixels, supposition: Hypothesis, gains: Float[Tensor, " i"]) -> AssumedPhotographs:
         linear = self.declared_linear[looks.photograph]
         recoded = torch.tensor([int(i) in supposition.recoded for i in looks.photograph])
 
@@ -118,7 +118,11 @@ class Tribunal:
         def coded(pixels: Tensor) -> Tensor:
             return torch.where(recoded & linear, _encoded(pixels), torch.where(recoded, _decoded(pixels), pixels))
 
-        return Seen.of(looks, curve, coded, gains) if recoded.any() else Seen.of(looks, _same, _same, gains)
+        return (
+            AssumedPhotographs.of(looks, curve, coded, gains)
+            if recoded.any()
+            else AssumedPhotographs.of(looks, _same, _same, gains)
+        )
 
     def _mean(self, explained: Sequence[Explanation]) -> float:
         """Over the pixels of all materials."""
@@ -126,7 +130,7 @@ class Tribunal:
         total = sum(count * float(each.misfit[0]) for count, each in zip(counts, explained, strict=True))
         return total / sum(counts)
 
-    def _gains(self, supposition: Supposition, explained: Sequence[Explanation]) -> Float[Tensor, " i"]:
+    def _gains(self, supposition: Hypothesis, explained: Sequence[Explanation]) -> Float[Tensor, " i"]:
         """The median ratio between photograph and picture, of each photograph or of all."""
         one = torch.ones(len(self.declared_linear))
         ratios, photographs = [], []

@@ -13,7 +13,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 from fit_material.fitter.input_checks.finding import Finding, percent
-from fit_material.fitter.input_checks.hypotheses import Supposition, Trial, Tribunal
+from fit_material.fitter.input_checks.hypotheses import Hypothesis, HypothesisTest, Trial
 from fit_material.fitter.input_checks.orientation import orientations, upright
 from fit_material.renderer.materials.catalogue import DARKEST_MATTE
 
@@ -29,8 +29,8 @@ GAIN = 1.2  # factor by which an exposure is wrong
 class Step:
     """A supposition that was put in the place of another because it explains more."""
 
-    before: Supposition
-    after: Supposition
+    before: Hypothesis
+    after: Hypothesis
     first: Trial
     last: Trial
 
@@ -52,7 +52,7 @@ class Named:
         return f"photographs[{self.index}] ({self.name})"
 
 
-def steps(tribunal: Tribunal, start: Supposition) -> list[Step]:
+def steps(tribunal: HypothesisTest, start: Hypothesis) -> list[Step]:
     """What has to be supposed to explain the photographs: one thing after another, the most telling first."""
     found: list[Step] = []
     now, trial = start, tribunal.trial(start)
@@ -70,13 +70,13 @@ def _is_decisive(before: float, after: float) -> bool:
     return before > DECISIVE * after and before - after > LEAST
 
 
-def _simplest(tried: Sequence[tuple[Supposition, Trial]]) -> tuple[Supposition, Trial] | None:
+def _simplest(tried: Sequence[tuple[Hypothesis, Trial]]) -> tuple[Hypothesis, Trial] | None:
     """The first that is about as good as the best."""
     least = min((trial.misfit for _, trial in tried), default=math.inf)
     return next((each for each in tried if each[1].misfit <= AS_GOOD * least), None)
 
 
-def _others(tribunal: Tribunal, now: Supposition, misfit: float) -> Iterator[Supposition]:
+def _others(tribunal: HypothesisTest, now: Hypothesis, misfit: float) -> Iterator[Hypothesis]:
     """What else may be supposed, likely things first."""
     if misfit <= EXPLAINED:
         return
@@ -101,7 +101,7 @@ def _others(tribunal: Tribunal, now: Supposition, misfit: float) -> Iterator[Sup
         yield replace(now, gains="all")
 
 
-def findings(found: Sequence[Step], photographs: Sequence[Named], tribunal: Tribunal) -> list[Finding]:
+def findings(found: Sequence[Step], photographs: Sequence[Named], tribunal: HypothesisTest) -> list[Finding]:
     """The steps in words."""
     told: list[Finding] = []
     for step in found:
@@ -114,7 +114,7 @@ def findings(found: Sequence[Step], photographs: Sequence[Named], tribunal: Trib
     return told
 
 
-def darkness_findings(tribunal: Tribunal) -> list[Finding]:
+def darkness_findings(tribunal: HypothesisTest) -> list[Finding]:
     """Whether the photographs are darker than any material; of those that are fitted exposures are said."""
     brightness = tribunal.brightness
     if brightness >= DARKEST_MATTE:
@@ -149,7 +149,7 @@ def turning(up: str) -> str:
     return f"(x, y, z) → ({', '.join(becomes)})"
 
 
-def _encoding(step: Step, photographs: Sequence[Named], tribunal: Tribunal) -> Finding:
+def _encoding(step: Step, photographs: Sequence[Named], tribunal: HypothesisTest) -> Finding:
     chosen = sorted(step.after.recoded)
     linear = bool(tribunal.declared_linear[chosen[0]])
     is_, fits = ("linear", "sRGB, already tone-mapped") if linear else ("sRGB", "linear")

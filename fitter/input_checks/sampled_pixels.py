@@ -22,7 +22,7 @@ FOOTPRINT = 2  # rays along a pixel's side
 
 
 @dataclass(frozen=True)
-class Looks:
+class SampledPixels:
     """Pixels of one material.
 
     Attributes:
@@ -45,7 +45,7 @@ def look(
     scene_file: Path,
     materials: int,
     seed: int,
-) -> list[Looks]:
+) -> list[SampledPixels]:
     """Pixels of every material that any of the photographs shows, none of one whose camera misses the object.
 
     Args:
@@ -84,8 +84,8 @@ def look(
     return [_joined(part, torch.tensor(exposures)) for part in found if part]
 
 
-def _joined(part: Sequence[tuple[int, Observations]], exposures: Float[Tensor, " i"]) -> Looks:
+def _joined(part: Sequence[tuple[int, Observations]], exposures: Float[Tensor, " i"]) -> SampledPixels:
     surface = gbuffer.concatenate([observed.surface for _, observed in part])
     seen = torch.cat([observed.radiance for _, observed in part]).float().T
     index = torch.cat([torch.full((len(observed.radiance),), i) for i, observed in part])
-    return Looks(surface, seen, index, exposures[index])
+    return SampledPixels(surface, seen, index, exposures[index])

@@ -23,7 +23,7 @@ DAMPED = 0.1  # share of the information by which a step that led upwards is sho
 
 
 @dataclass(frozen=True)
-class Spread:
+class Covariance:
     """Covariance of a free vector.
 
     Attributes:
@@ -66,7 +66,7 @@ def unbiased(residuals: Residuals, x: Float[Tensor, " x"]) -> Float[Tensor, " x"
     return x
 
 
-def spread(residuals: Residuals, x: Float[Tensor, " x"]) -> Spread:
+def sandwich_covariance(residuals: Residuals, x: Float[Tensor, " x"]) -> Covariance:
     """Covariance at a solution of `unbiased`, from the residuals' own scatter.
 
         C = H⁻¹ (m/(m - p) Σ_i gᵢgᵢᵀ + P) H⁻¹        [White 1982, eq. 3.2]
@@ -92,7 +92,7 @@ def spread(residuals: Residuals, x: Float[Tensor, " x"]) -> Spread:
     freedom = len(scores) / max(1, len(scores) - len(x))
     inverse = inverse_of(halves.information)
     scattered = scores.T @ scores * freedom + halves.of_prior.T @ halves.of_prior
-    return Spread(inverse @ scattered @ inverse + halves.unknown)
+    return Covariance(inverse @ scattered @ inverse + halves.unknown)
 
 
 def integration_share(residuals: Residuals, x: Float[Tensor, " x"]) -> float:
@@ -109,14 +109,14 @@ def integration_share(residuals: Residuals, x: Float[Tensor, " x"]) -> float:
     return min(1.0, own / all_) if all_ > 0 else 1.0
 
 
-def standard_errors(quantity: Function, x: Float[Tensor, " x"], spread: Spread) -> Float[Tensor, " q"]:
+def standard_errors(quantity: Function, x: Float[Tensor, " x"], spread: Covariance) -> Float[Tensor, " q"]:
     """Standard errors of `quantity(x)` to first order: √diag(G C Gᵀ), G its Jacobian."""
     gradient = jacobian(quantity, x)
     return (gradient @ spread.covariance * gradient).sum(-1).clamp_min(0).sqrt()
 
 
 def intervals95(
-    quantity: Function, x: Float[Tensor, " x"], spread: Spread
+    quantity: Function, x: Float[Tensor, " x"], spread: Covariance
 ) -> tuple[Float[Tensor, " q"], Float[Tensor, " q"]]:
     """Ends of the 95 % interval of each of `quantity(x)`.
 

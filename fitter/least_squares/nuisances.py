@@ -77,7 +77,7 @@ class Unknown:
         return found
 
 
-class Turn(NamedTuple):
+class RotationBracket(NamedTuple):
     """Between which turns of the environment pictures are interpolated, in degrees."""
 
     centre: float
@@ -102,7 +102,7 @@ class Nuisances:
     mean: Float[Tensor, " z"]
     root: Float[Tensor, "z z"]
     told: Bool[Tensor, " z"]
-    turn: Turn | None = None
+    turn: RotationBracket | None = None
 
     @staticmethod
     def before(unknowns: Sequence[Unknown], photographs: int) -> Nuisances:
@@ -113,7 +113,7 @@ class Nuisances:
         shared = width[:, None] * torch.tensor(like, dtype=torch.float64).fill_diagonal_(1.0) * width
         root = torch.linalg.cholesky(torch.linalg.inv(shared)).T
         turns = any(each.key == "rotation" for each in unknowns)
-        turn = Turn(0.0, STEPS[0]) if turns else None
+        turn = RotationBracket(0.0, STEPS[0]) if turns else None
         return Nuisances(tuple(unknowns), photographs, torch.zeros_like(width), root, known, turn)
 
     def without_turn(self) -> Nuisances | None:
@@ -190,7 +190,7 @@ class Nuisances:
         return replace(self, mean=torch.where(vague, guess, self.mean))
 
 
-class Block(NamedTuple):
+class PhotographBlock(NamedTuple):
     """Fitted pixels next to each other that share their factors: those of one photograph."""
 
     pixels: slice
@@ -198,7 +198,7 @@ class Block(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Gains:
+class NuisanceFactors:
     """The unknown factors of fitted pixels.
 
     Attributes:
@@ -210,12 +210,12 @@ class Gains:
     photograph: Int[Tensor, " p"]
 
     @cached_property
-    def blocks(self) -> tuple[Block, ...]:
+    def blocks(self) -> tuple[PhotographBlock, ...]:
         """All pixels, in order."""
         own, counts = self.photograph.unique_consecutive(return_counts=True)
         ends = counts.cumsum(0).tolist()
         spans = zip([0, *ends], ends, own.tolist(), strict=False)
-        return tuple(Block(slice(first, end), photograph) for first, end, photograph in spans)
+        return tuple(PhotographBlock(slice(first, end), photograph) for first, end, photograph in spans)
 
     def factors(self, z: Float[Tensor, " z"]) -> Float[Tensor, "p 3"]:
         """Of each pixel."""
@@ -242,7 +242,7 @@ def unknowns_of(scene: Scene) -> tuple[Unknown, ...]:
     return tuple(found)
 
 
-def require_known(scene: Scene, scene_file: Path, which: str) -> None:
+def require_no_free_nuisances(scene: Scene, scene_file: Path, which: str) -> None:
     """Raises InputError where the scene file asks for anything to be fitted beside the material."""
     if unknowns := unknowns_of(scene):
         expected = f"numbers for exposures, white balances, scale and rotation, {which}"

@@ -94,7 +94,7 @@ def _solved(residuals: Residuals, starts: Sequence[Float[Tensor, " x"]], solver:
 
 
 @dataclass(frozen=True)
-class Condensed:
+class ReducedResiduals:
     """A short vector with the sum of squares of residuals, as outliers are weighed at one free vector.
 
     Attributes:
@@ -121,7 +121,7 @@ class Condensed:
         return torch.cat([*(root[:, :-1] @ each for root, each in zip(self.roots, mixing, strict=True)), prior])
 
 
-def condensed(residuals: Residuals, around: Float[Tensor, " x"]) -> Condensed:
+def condensed(residuals: Residuals, around: Float[Tensor, " x"]) -> ReducedResiduals:
     """The residuals of a model with a mixing, condensed.
 
     Args:
@@ -145,7 +145,7 @@ def condensed(residuals: Residuals, around: Float[Tensor, " x"]) -> Condensed:
         return values.clamp_min(0).sqrt()[:, None] * vectors.T
 
     roots = tuple(root(block.pixels) for block in residuals.blocks)
-    return Condensed(roots, _mixing(residuals, around).detach(), residuals)
+    return ReducedResiduals(roots, _mixing(residuals, around).detach(), residuals)
 
 
 def _mixing(residuals: Residuals, x: Float[Tensor, " x"]) -> Float[Tensor, "b u"]:

@@ -12,7 +12,7 @@ from torch import Tensor
 from fit_material.fitter.forward.pixel_model import MixedPixels, PixelModel
 from fit_material.fitter.forward.rotated_environment import TurnedPixels
 from fit_material.fitter.least_squares.jacobian import jacobian
-from fit_material.fitter.least_squares.nuisances import Block, Gains
+from fit_material.fitter.least_squares.nuisances import NuisanceFactors, PhotographBlock
 from fit_material.fitter.materials.coordinates import Coordinates
 
 ROBUST_AT = (
@@ -40,7 +40,7 @@ class Residuals:
     coordinates: Coordinates
     photograph: Float[Tensor, "p 3"]
     whitening: Float[Tensor, "p 3 3"]
-    gains: Gains | None = None
+    gains: NuisanceFactors | None = None
     clusters: Int[Tensor, " p"] | None = None
     bounded: Bool[Tensor, " p"] | None = None
 
@@ -58,27 +58,27 @@ class Residuals:
     def picture(self, x: Float[Tensor, " x"]) -> Float[Tensor, "p 3"]:
         """The model's, as the photographs would show it."""
         radiance = self.model_at(x).radiance(self.coordinates.material(x))
-        return radiance if self.gains is None else self.gains.factors(self.beside(x)) * radiance
+        return radiance if self.gains is None else self.gains.factors(self.nuisance_part(x)) * radiance
 
     def model_at(self, x: Float[Tensor, " x"]) -> PixelModel:
         """The model in the environment as it is turned there."""
         if not isinstance(self.model, TurnedPixels):
             return self.model
         assert self.gains is not None
-        return self.model.at(self.gains.nuisances.steps(self.beside(x)))
+        return self.model.at(self.gains.nuisances.steps(self.nuisance_part(x)))
 
     def factors(self, x: Float[Tensor, " x"]) -> Float[Tensor, "p 3"] | float:
         """Pixel over radiance."""
-        return 1.0 if self.gains is None else self.gains.factors(self.beside(x))
+        return 1.0 if self.gains is None else self.gains.factors(self.nuisance_part(x))
 
-    def beside(self, x: Float[Tensor, " x"]) -> Float[Tensor, " z"]:
+    def nuisance_part(self, x: Float[Tensor, " x"]) -> Float[Tensor, " z"]:
         """The free numbers that are not the material's."""
         return x[self.coordinates.size :]
 
     def rotation(self, x: Float[Tensor, " x"]) -> float:
         """Degrees by which the environment is rotated, which the problem has to be unknown."""
         assert self.gains is not None
-        return float(self.gains.nuisances.rotation(self.beside(x)))
+        return float(self.gains.nuisances.rotation(self.nuisance_part(x)))
 
     def difference(self, x: Float[Tensor, " x"]) -> Float[Tensor, "p 3"]:
         """Model less photograph; of lower bounds, what is missing to them and to what noise may have lifted there."""
@@ -103,9 +103,9 @@ class Residuals:
         return isinstance(model, MixedPixels) and model.mixing(self.coordinates.material(x)) is not None
 
     @property
-    def blocks(self) -> tuple[Block, ...]:
+    def blocks(self) -> tuple[PhotographBlock, ...]:
         """Pixels that are mixed alike."""
-        return (Block(slice(None), 0),) if self.gains is None else self.gains.blocks
+        return (PhotographBlock(slice(None), 0),) if self.gains is None else self.gains.blocks
 
     def mixing(self, x: Float[Tensor, " x"]) -> Float[Tensor, "b q 3"]:
         """How much each number of what is mixed counts, in each of the blocks."""
@@ -115,7 +115,7 @@ class Residuals:
         assert found is not None
         if self.gains is None:
             return found[None]
-        factors = self.gains.nuisances.factors(self.beside(x))
+        factors = self.gains.nuisances.factors(self.nuisance_part(x))
         return found * torch.stack([factors[block.photograph] for block in self.blocks])[:, None]
 
     def slope(self, x: Float[Tensor, " x"]) -> Float[Tensor, "p 3 x"]:
@@ -153,7 +153,7 @@ class Residuals:
     def prior(self, x: Float[Tensor, " x"]) -> Float[Tensor, " q"]:
         """What is known before any photograph, of variance 1."""
         own = self.coordinates.prior(x)
-        return own if self.gains is None else torch.cat([own, self.gains.nuisances.prior(self.beside(x))])
+        return own if self.gains is None else torch.cat([own, self.gains.nuisances.prior(self.nuisance_part(x))])
 
     def __call__(self, x: Float[Tensor, " x"]) -> Float[Tensor, " r"]:
         """The vector whose sum of squares is minimised: three numbers for each pixel, and the prior's."""

@@ -112,7 +112,7 @@ class Coordinates(ABC, Generic[M]):
         """Whether the reflectance in use is one that a metal's n and k enter through F0 alone [MODEL.md 1]."""
         return False
 
-    def elsewhere(self, x: Float[Tensor, " x"]) -> list[Float[Tensor, " x"]]:
+    def alternative_starts(self, x: Float[Tensor, " x"]) -> list[Float[Tensor, " x"]]:
         """Further starts, where the sum of squares may have several minima; none by default."""
         return []
 

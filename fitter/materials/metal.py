@@ -76,7 +76,7 @@ class MetalCoordinates(Coordinates[Metal]):
         tint = [tint_of(material.n, material.k)] if self.tint is None else []
         return torch.cat([_reflectivity_of(material.n, material.k), *tint, self.width.free_width(material.width)])
 
-    def elsewhere(self, x: Float[Tensor, " x"]) -> list[Float[Tensor, " x"]]:
+    def alternative_starts(self, x: Float[Tensor, " x"]) -> list[Float[Tensor, " x"]]:
         """The same F0 and width with other n: curves of equal F0 cross, and the sum may have two valleys."""
         if self.tint is not None:
             return []

@@ -9,13 +9,13 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from fit_material.fitter.least_squares.covariance import Spread
-from fit_material.fitter.least_squares.reduced_residuals import Condensed
+from fit_material.fitter.least_squares.covariance import Covariance
+from fit_material.fitter.least_squares.reduced_residuals import ReducedResiduals
 from fit_material.fitter.materials.coordinates import WidthInterval
 from fit_material.fitter.materials.metal import TINT_WIDTH, MetalCoordinates
 from fit_material.fitter.metal_prior.catalogue_distribution import Shape
 from fit_material.fitter.metal_prior.nearest_metals import covariance_of
-from fit_material.fitter.uncertainty.deviance import Valley, dispersion_of
+from fit_material.fitter.uncertainty.deviance import Deviance, dispersion_of
 from fit_material.shaders.optics import fresnel
 
 if TYPE_CHECKING:
@@ -53,7 +53,7 @@ class Likelihood(Protocol):
         ...
 
 
-def likelihood(fit: Fit, spread: Spread) -> Likelihood:
+def likelihood(fit: Fit, spread: Covariance) -> Likelihood:
     """By the pictures themselves where the fit can be condensed, else by two reflectances in each channel.
 
     Args:
@@ -77,12 +77,12 @@ class InPictures:
         condensate: of the fit.
         x: its free vector.
         shape: where its numbers of n and k lie, at the beginning.
-        removed: δ of `valley.Valley`.
+        removed: δ of `valley.Deviance`.
         along: orthonormal columns that span what the rest of the free vector does to the residuals.
         scale: √κ: how many of the weights' standard deviations one of the noise is.
     """
 
-    condensate: Condensed
+    condensate: ReducedResiduals
     x: Float[Tensor, " x"]
     shape: slice
     removed: Float[Tensor, " r"]
@@ -93,11 +93,11 @@ class InPictures:
 
     @staticmethod
     def around(
-        condensate: Condensed, x: Float[Tensor, " x"], coordinates: MetalCoordinates, spread: Spread
+        condensate: ReducedResiduals, x: Float[Tensor, " x"], coordinates: MetalCoordinates, spread: Covariance
     ) -> InPictures:
         shape = coordinates.shape
         own = torch.eye(len(x), dtype=x.dtype)[shape]
-        valley = Valley.around(condensate, lambda x: x[shape], x, dispersion_of(condensate, x, own, spread))
+        valley = Deviance.around(condensate, lambda x: x[shape], x, dispersion_of(condensate, x, own, spread))
         known = valley.dispersion[valley.dispersion.isfinite()]
         scale = (known.median() if len(known) else torch.ones_like(x[0])).sqrt()
         of_rest = _without_tints(condensate, condensate.jacobian(x))[:, shape.stop :]
@@ -126,7 +126,7 @@ class InPictures:
         return (residuals - self.along @ (self.along.T @ residuals)) / self.scale
 
 
-def _without_tints(condensate: Condensed, rows: Float[Tensor, "r q"]) -> Float[Tensor, "y q"]:
+def _without_tints(condensate: ReducedResiduals, rows: Float[Tensor, "r q"]) -> Float[Tensor, "y q"]:
     """The rows but those of the prior on the tints, with which the coordinates' own prior begins."""
     first = sum(len(root) for root in condensate.roots)
     return torch.cat([rows[:first], rows[first + 3 :]])
@@ -146,12 +146,12 @@ class InReflectance:
     least = 0.0
 
     @staticmethod
-    def around(x: Float[Tensor, " x"], coordinates: MetalCoordinates, spread: Spread) -> InReflectance:
+    def around(x: Float[Tensor, " x"], coordinates: MetalCoordinates, spread: Covariance) -> InReflectance:
         """Without the wide prior on tint that the fit holds already."""
         count = coordinates.shape.stop
         at = x[coordinates.shape] if coordinates.tint is None else torch.cat([x[coordinates.shape], coordinates.tint])
 
-        own = covariance_of(lambda each: each, x[:count], Spread(spread.covariance[:count, :count]))
+        own = covariance_of(lambda each: each, x[:count], Covariance(spread.covariance[:count, :count]))
         precision = torch.linalg.inv(own + 1e-10 * torch.eye(count, dtype=own.dtype))
         precision[3:, 3:] -= torch.eye(count - 3, dtype=own.dtype) / TINT_WIDTH**2
         back = torch.linalg.inv(_slope(at, 1 / precision.diagonal()[3:].clamp_min(1 / FAR**2).sqrt())[:count, :count])

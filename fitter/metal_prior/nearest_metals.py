@@ -8,7 +8,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from fit_material.fitter.least_squares.covariance import Spread
+from fit_material.fitter.least_squares.covariance import Covariance
 from fit_material.fitter.least_squares.jacobian import Function, jacobian
 from fit_material.fitter.materials.metal import MetalCoordinates
 from fit_material.fitter.result.schema import Nearest
@@ -21,7 +21,7 @@ UNSEEN = 1e3  # of a free number, whose material stays the same beyond ± 30: er
 
 
 def nearest_metals(
-    x: Float[Tensor, " x"], coordinates: MetalCoordinates, spread: Spread, metals: Sequence[Metal] | None = None
+    x: Float[Tensor, " x"], coordinates: MetalCoordinates, spread: Covariance, metals: Sequence[Metal] | None = None
 ) -> tuple[Nearest, ...]:
     """Metals by their distance in reflectance, nearest first.
 
@@ -55,7 +55,7 @@ def nearest_metals(
     return tuple(sorted(found, key=lambda each: each.distance))
 
 
-def covariance_of(quantity: Function, x: Float[Tensor, " x"], spread: Spread) -> Float[Tensor, "q q"]:
+def covariance_of(quantity: Function, x: Float[Tensor, " x"], spread: Covariance) -> Float[Tensor, "q q"]:
     """Covariance of `quantity(x)` to first order; free numbers that nothing determines count as `UNSEEN`."""
     sigma = spread.covariance.diagonal().clamp_min(torch.finfo(x.dtype).tiny).sqrt()
     gradient = jacobian(quantity, x) * (UNSEEN / sigma).clamp_max(1)

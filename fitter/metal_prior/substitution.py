@@ -10,7 +10,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from fit_material.fitter.estimation.coarse_to_fine import Fit
-from fit_material.fitter.least_squares.covariance import Spread
+from fit_material.fitter.least_squares.covariance import Covariance
 from fit_material.fitter.materials.metal import MetalCoordinates
 from fit_material.fitter.metal_prior.borrowed import Borrowed, TooFar, Triple
 from fit_material.fitter.options.fit_options import Prior
@@ -23,7 +23,7 @@ Numbers = Mapping[str, Sequence[Measured]]
 Verdicts = Mapping[str, Sequence[bool]]
 
 
-def borrow(fit: Fit, spread: Spread, prior: Prior) -> Borrowed | TooFar | None:
+def borrow(fit: Fit, spread: Covariance, prior: Prior) -> Borrowed | TooFar | None:
     """What known metals say of n and k: as a prior, and in the viewer's model, which cannot see them, in any case.
 
     Args:
@@ -39,7 +39,7 @@ def borrow(fit: Fit, spread: Spread, prior: Prior) -> Borrowed | TooFar | None:
     return _of_nearest_color(fit.x[coordinates.slices["reflectivity"]], found)
 
 
-def _of_catalogue(fit: Fit, spread: Spread) -> Borrowed | TooFar:
+def _of_catalogue(fit: Fit, spread: Covariance) -> Borrowed | TooFar:
     from fit_material.fitter.metal_prior.likelihood import likelihood
     from fit_material.fitter.metal_prior.mixture_posterior import catalogue_prior
 

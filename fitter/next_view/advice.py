@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from typing import Any, Literal
 
 from fit_material.fitter.next_view.candidate_views import Viewpoint
-from fit_material.fitter.next_view.expected_gain import HalfWidths, Prospect, geometric_mean
+from fit_material.fitter.next_view.expected_gain import ExpectedGain, HalfWidths, geometric_mean
 from fit_material.fitter.next_view.wording import helps, sentence
 from fit_material.fitter.result.schema import FORMAT, NonNegative, Record
 from fit_material.renderer.geometry.bounds import Vector
@@ -69,7 +69,7 @@ class Advice(Record):
         return f"{self.message}\n\n{_camera_toml(self.best)}"
 
 
-def advice_of(prospects: Sequence[Prospect], places: Sequence[Viewpoint], photographs: Sequence[str]) -> Advice:
+def advice_of(prospects: Sequence[ExpectedGain], places: Sequence[Viewpoint], photographs: Sequence[str]) -> Advice:
     """The views in order, the one first that shrinks the intervals most, in the geometric mean over the materials.
 
     Args:

@@ -10,8 +10,8 @@ from dataclasses import replace
 from pathlib import Path
 
 from fit_material.fitter.fitted.summary import status_of
-from fit_material.fitter.forward.lighting import setting_of
-from fit_material.fitter.least_squares.nuisances import require_known
+from fit_material.fitter.forward.lighting import lighting_for
+from fit_material.fitter.least_squares.nuisances import require_no_free_nuisances
 from fit_material.fitter.next_view.advice import Advice, advice_of
 from fit_material.fitter.next_view.candidate_views import viewpoints
 from fit_material.fitter.next_view.previous_result import read_earlier_result, require_of_scene
@@ -58,21 +58,21 @@ def advise(
         options = replace(options, fidelity=_fidelity_of(result, result_file))
     _require_exact(options.fidelity)
     loaded = load(scene_file)
-    require_known(loaded.scene, scene_file, "those that a fit has found")
+    require_no_free_nuisances(loaded.scene, scene_file, "those that a fit has found")
     if result is not None and result_file is not None:
         require_of_scene(result, result_file, loaded, scene_file)
     with one_thread_per_operation():
         trace = loaded.tracer()
-        setting = setting_of(loaded, options, device)
+        lighting = lighting_for(loaded, options, device)
         if result is None:
-            parts = fit_parts(loaded, trace, setting, options, progress, scene_file)
+            parts = fit_parts(loaded, trace, lighting, options, progress, scene_file)
             found = tuple(part.material for part in parts)
             status = status_of([part.choice for part in parts], found)
         else:
             found, status = result.materials, result.status
         cameras = [thumbnail.camera for thumbnail in loaded.photographs.thumbnails]
         places = viewpoints(cameras, [photograph.camera for photograph in loaded.scene.photographs], loaded.shape)
-        observer = Observer(trace, setting, loaded.photographs, loaded.materials, progress)
+        observer = Observer(trace, lighting, loaded.photographs, loaded.materials, progress)
         prospects = observer.prospects(found, [place.camera for place in places])
     advice = advice_of(prospects, places, [thumbnail.name for thumbnail in loaded.photographs.thumbnails])
     return advice if status != "stopped" else advice.model_copy(update={"message": f"{DOUBT} {advice.message}"})

@@ -21,7 +21,7 @@ HalfWidths = StandardErrors
 
 
 @dataclass(frozen=True)
-class Prospect:
+class ExpectedGain:
     """One material as it was found, and how its errors would shrink.
 
     Attributes:
@@ -61,7 +61,7 @@ class Prospect:
         return HalfWidths(**found)
 
 
-def geometric_mean(prospects: Sequence[Prospect], ratios: Sequence[Ratios]) -> Float[Tensor, " v"]:
+def geometric_mean(prospects: Sequence[ExpectedGain], ratios: Sequence[Ratios]) -> Float[Tensor, " v"]:
     """Mean ratio over the materials, each of which counts alike."""
     scores = [prospect.score(each) for prospect, each in zip(prospects, ratios, strict=True)]
     return torch.stack(scores).mean(0).exp()

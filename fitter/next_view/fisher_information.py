@@ -23,7 +23,7 @@ VAGUE = 10.0  # standard deviation of a free number of which nothing is known: i
 
 
 @dataclass(frozen=True)
-class Told:
+class ViewInformation:
     """What each of several pictures tells of one material.
 
     Attributes:
@@ -45,7 +45,7 @@ def told_by(
     radiance: Callable[[Float[Tensor, " x"]], Float[Tensor, "p 3"]],
     x: Float[Tensor, " x"],
     noise: Float[Tensor, " p"],
-) -> Told:
+) -> ViewInformation:
     """What pictures tell of a free vector.
 
         I = Σ_i g_i g_iᵀ / σ_i²,   g_i = ∂L_i/∂x / |L_i|
@@ -63,7 +63,7 @@ def told_by(
     weights = torch.cat([relative_weight(picture) if len(picture) else picture for picture in radiance(x).split(sizes)])
     gradients = jacobian(radiance, x) * (weights / noise[:, None])[..., None]
     per_pixel = [_per_pixel(view, part) for view, part in zip(views, gradients.split(sizes), strict=True)]
-    return Told(torch.stack(per_pixel), torch.stack([view.available for view in views]))
+    return ViewInformation(torch.stack(per_pixel), torch.stack([view.available for view in views]))
 
 
 def _per_pixel(view: View, gradient: Float[Tensor, "p 3 x"]) -> Float[Tensor, "bins x x"]:

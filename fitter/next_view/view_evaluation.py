@@ -9,13 +9,13 @@ import torch
 from jaxtyping import Bool, Float
 from torch import Tensor
 
-from fit_material.fitter.forward.lighting import Setting
+from fit_material.fitter.forward.lighting import Lighting
 from fit_material.fitter.forward.pixel_model import central
 from fit_material.fitter.least_squares.jacobian import jacobian
 from fit_material.fitter.least_squares.noise import relative_weight
 from fit_material.fitter.materials.coordinates import Coordinates, WidthInterval
 from fit_material.fitter.materials.registry import FITTABLE
-from fit_material.fitter.next_view.expected_gain import Prospect, Ratios
+from fit_material.fitter.next_view.expected_gain import ExpectedGain, Ratios
 from fit_material.fitter.next_view.fisher_information import covariance, foreseen_noise, told_by
 from fit_material.fitter.next_view.previous_result import material_of
 from fit_material.fitter.observations.photograph import Photograph
@@ -49,19 +49,19 @@ class Observer:
 
     Attributes:
         trace: of the object.
-        setting: the light, and the fidelity of the fit whose intervals are to shrink.
+        lighting: the light, and the fidelity of the fit whose intervals are to shrink.
         photographs: those that there are.
         materials: names of the object's materials.
         progress: told the stage and its share done.
     """
 
     trace: Tracer
-    setting: Setting
+    lighting: Lighting
     photographs: Sequence[Photograph]
     materials: Sequence[str]
     progress: Progress
 
-    def prospects(self, found: Sequence[FittedMaterial], cameras: Sequence[Camera]) -> list[Prospect]:
+    def prospects(self, found: Sequence[FittedMaterial], cameras: Sequence[Camera]) -> list[ExpectedGain]:
         """How the errors of each material found would shrink by a photograph of each camera."""
         most = max(PIXELS // 2, min(FULL, TAKEN_PIXELS // len(self.photographs)))
         pictures = ((photograph.camera, photograph.mask) for photograph in self.photographs)
@@ -76,8 +76,8 @@ class Observer:
 
     def _sampled(self, pictures: Iterable[Picture], number: int, count: int) -> list[list[View]]:
         """Pixels of each of a number of pictures, by material."""
-        generator = torch.Generator().manual_seed(self.setting.seed)
-        footprint = min(FOOTPRINT, self.setting.fidelity.footprint)
+        generator = torch.Generator().manual_seed(self.lighting.seed)
+        footprint = min(FOOTPRINT, self.lighting.fidelity.footprint)
         found = []
         for camera, mask in pictures:
             self.progress("looking from all round", len(found) / number)
@@ -93,19 +93,19 @@ class Observer:
             found.append(sampled)
         return found
 
-    def _prospect(self, found: FittedMaterial, taken: Sequence[View], imagined: Sequence[View]) -> Prospect:
+    def _prospect(self, found: FittedMaterial, taken: Sequence[View], imagined: Sequence[View]) -> ExpectedGain:
         """Standard errors with one of the imagined views over those without.
 
         A fit takes a fixed number of pixels from all photographs together: with one more, there are fewer of each.
         """
         coordinates = FITTABLE[found.type].foreseen(WIDTH)
         x = coordinates.free(material_of(found)).clamp(-FARTHEST, FARTHEST)
-        radiance = self._radiance(taken, coordinates, x, self.setting.fidelity.samples)
+        radiance = self._radiance(taken, coordinates, x, self.lighting.fidelity.samples)
         known, difference = _surface(taken), self._relative_difference(taken, radiance(x))
         told = told_by(taken, radiance, x, foreseen_noise(known, difference, known, found.type))
         radiance = self._radiance(imagined, coordinates, x, SAMPLES)
         new = told_by(imagined, radiance, x, foreseen_noise(known, difference, _surface(imagined), found.type))
-        pixels, count = self.setting.fidelity.pixels, len(taken)
+        pixels, count = self.lighting.fidelity.pixels, len(taken)
         present = told.information(pixels / count).sum(0)
         extended = told.information(pixels / (count + 1)).sum(0) + new.information(pixels / (count + 1))
 
@@ -114,7 +114,7 @@ class Observer:
 
         more = PRESETS["reference"].pixels
         finer = shrunk(told.information(more / count).sum(0)[None]) if pixels < more else None
-        return Prospect(found, shrunk(extended), finer)
+        return ExpectedGain(found, shrunk(extended), finer)
 
     def _relative_difference(self, views: Sequence[View], model: Float[Tensor, "p 3"]) -> Float[Tensor, "p 3"]:
         """Model less photographs, relative to the model."""
@@ -134,14 +134,14 @@ class Observer:
         if not len(surface.hit):
             return lambda x: x.new_zeros(0, 3)
         material = coordinates.material(x)
-        model = self.setting.pixels(surface, body=material.has_body)
+        model = self.lighting.pixels(surface, body=material.has_body)
         if material.width is not None:
             alpha = float(alpha_of(material.width))
 
             def report(share: float) -> None:
                 self.progress("integrating", share)
 
-            model = model.under(self.setting.table(surface, (alpha / SPAN, alpha * SPAN, LEVELS), samples, report))
+            model = model.under(self.lighting.table(surface, (alpha / SPAN, alpha * SPAN, LEVELS), samples, report))
         return lambda x: model.radiance(coordinates.material(x))
 
 

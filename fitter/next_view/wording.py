@@ -9,7 +9,7 @@ from typing import Any
 from fit_material.fitter.fitted.summary import CHANNELS
 from fit_material.fitter.materials.registry import FITTABLE
 from fit_material.fitter.next_view.candidate_views import Viewpoint
-from fit_material.fitter.next_view.expected_gain import Prospect, geometric_mean
+from fit_material.fitter.next_view.expected_gain import ExpectedGain, geometric_mean
 from fit_material.fitter.result.schema import FittedMaterial
 from fit_material.shaders.materials.kinds import KINDS
 from fit_material.shaders.materials.quantities import ALPHA
@@ -22,7 +22,7 @@ def helps(ratio: float) -> bool:
     return ratio <= HARDLY
 
 
-def sentence(prospects: Sequence[Prospect], view: int, place: Viewpoint, nearest: str, ratio: float) -> str:
+def sentence(prospects: Sequence[ExpectedGain], view: int, place: Viewpoint, nearest: str, ratio: float) -> str:
     """What the best view would bring.
 
     Args:
@@ -47,7 +47,7 @@ def _on_average(share: float) -> str:
     return f"{100 * share:.0f} % of their width on average"
 
 
-def _decisive(prospects: Sequence[Prospect]) -> str:
+def _decisive(prospects: Sequence[ExpectedGain]) -> str:
     """n, k and alpha."""
     *others, last = dict.fromkeys(
         each.name for prospect in prospects for each in FITTABLE[prospect.material.type].decisive
@@ -55,7 +55,7 @@ def _decisive(prospects: Sequence[Prospect]) -> str:
     return f"{', '.join(others)} and {last}" if others else last
 
 
-def _remedy(prospects: Sequence[Prospect]) -> list[str]:
+def _remedy(prospects: Sequence[ExpectedGain]) -> list[str]:
     """Where the photographs have more pixels than the fit takes, they can tell more without any further one."""
     finer = [prospect.finer for prospect in prospects if prospect.finer is not None]
     if len(finer) < len(prospects):
@@ -83,7 +83,7 @@ class _Number:
         return True, self.now / max(abs(self.value), 1e-12)
 
 
-def _example(prospects: Sequence[Prospect], view: int) -> str:
+def _example(prospects: Sequence[ExpectedGain], view: int) -> str:
     """The most urgent number: "k of red from ±0.8 to ±0.3, and "; nothing where no number has an interval."""
     numbers = [
         number
@@ -97,7 +97,7 @@ def _example(prospects: Sequence[Prospect], view: int) -> str:
     return f"{first.name} from ±{first.now:.2g} to ±{first.expected:.2g}, and "
 
 
-def _numbers(prospect: Prospect, view: int, key: str, owner: str) -> Iterator[_Number]:
+def _numbers(prospect: ExpectedGain, view: int, key: str, owner: str) -> Iterator[_Number]:
     """The channels of a parameter that have intervals."""
     material = prospect.material
     parts = (material, prospect.now(), prospect.expected(view), material.determined)

@@ -11,8 +11,8 @@ import torch
 
 from fit_material.fitter.export.formats import FORMATS
 from fit_material.fitter.fitted.limitations import caveats
-from fit_material.fitter.fitted.nuisance_estimates import Beside, found_beside
-from fit_material.fitter.fitted.part import FittedPart, painted
+from fit_material.fitter.fitted.nuisance_estimates import NuisanceEstimates, nuisance_estimates
+from fit_material.fitter.fitted.part import FittedPart, shade_by_material
 from fit_material.fitter.fitted.planned import PlannedFit
 from fit_material.fitter.fitted.summary import status_of
 from fit_material.fitter.observations.photograph import known_exposure
@@ -91,7 +91,7 @@ class _Compared:
         outliers: what it does not explain.
     """
 
-    beside: Beside | None
+    beside: NuisanceEstimates | None
     views: Sequence[ViewPictures]
     outliers: Sequence[OutlierMap]
 
@@ -118,7 +118,7 @@ def describe_fit(fitted: FittedScene, clock: Clock, command: str) -> DescribedFi
         command: the command line, for the report.
     """
     loaded, parts, seen = fitted.loaded, fitted.planned.parts, fitted.loaded.photographs.thumbnails
-    beside = found_beside([(part.choice.fit, part.spread) for part in parts], [each.name for each in seen])
+    beside = nuisance_estimates([(part.choice.fit, part.spread) for part in parts], [each.name for each in seen])
     views = _views(loaded, fitted.trace, parts, beside)
     outliers = outlier_maps(parts, seen, views)
     result = _result(fitted, _Compared(beside, views, outliers), clock)
@@ -144,7 +144,7 @@ def _curve(part: FittedPart) -> Curve | None:
     fit = part.choice.fit
     if not fit.material.mirrors:
         return None
-    reflectance = REFLECTANCES[part.setting.fidelity.reflectance]
+    reflectance = REFLECTANCES[part.lighting.fidelity.reflectance]
     return reflectance_curve(reflectance, fit.residuals.coordinates, fit.x, part.spread)
 
 
@@ -161,22 +161,24 @@ def _message(fitted: FittedScene, compared: _Compared, fidelity: Fidelity) -> st
     return " ".join(told)
 
 
-def _views(loaded: Loaded, trace: Tracer, parts: Sequence[FittedPart], beside: Beside | None) -> list[ViewPictures]:
+def _views(
+    loaded: Loaded, trace: Tracer, parts: Sequence[FittedPart], beside: NuisanceEstimates | None
+) -> list[ViewPictures]:
     """Each photograph's thumbnail beside the fitted materials' picture of the same pixels."""
 
     def shown(part: FittedPart, surface: GBuffer) -> torch.Tensor:
-        samples = min(part.setting.fidelity.samples, SHOWN_SAMPLES)
-        radiance = part.setting.radiance(part.choice.fit.material, surface, samples)
+        samples = min(part.lighting.fidelity.samples, SHOWN_SAMPLES)
+        radiance = part.lighting.radiance(part.choice.fit.material, surface, samples)
         return radiance if part.polish is None else radiance + part.polish.picture(surface)
 
     def shade(surface: GBuffer) -> torch.Tensor:
-        return painted(parts, surface, shown)
+        return shade_by_material(parts, surface, shown)
 
     thumbnails = loaded.photographs.thumbnails
     factors = torch.ones(len(thumbnails), 3) if beside is None else beside.factors.float()
     views = []
     for seen, factor in zip(thumbnails, factors, strict=True):
-        footprint = min(parts[0].setting.fidelity.footprint, SHOWN_FOOTPRINT)
+        footprint = min(parts[0].lighting.fidelity.footprint, SHOWN_FOOTPRINT)
         picture = draw(trace, seen.camera, seen.mask, seen.step, footprint, shade)
         exposure = known_exposure(seen.exposure)
         photograph, fit = ((each * exposure).numpy() for each in (seen.radiance, factor * picture.radiance))
@@ -186,8 +188,8 @@ def _views(loaded: Loaded, trace: Tracer, parts: Sequence[FittedPart], beside: B
 
 def _result(fitted: FittedScene, compared: _Compared, clock: Clock) -> Result:
     loaded, beside, parts = fitted.loaded, compared.beside, fitted.planned.parts
-    setting, materials = parts[0].setting, tuple(part.material for part in parts)
-    fidelity = setting.fidelity
+    lighting, materials = parts[0].lighting, tuple(part.material for part in parts)
+    fidelity = lighting.fidelity
     exposures = [1.0] * len(loaded.photographs) if beside is None else beside.exposures.tolist()
     known = [known_exposure(each.exposure) for each in loaded.photographs.thumbnails]
     types = {material.type for material in materials}
@@ -202,11 +204,11 @@ def _result(fitted: FittedScene, compared: _Compared, clock: Clock) -> Result:
             fidelity=f"{fidelity.name}, polished by Mitsuba's path tracer" if polish else fidelity.name,
             reflectance=", ".join(fidelity.reflectance_of(kind) for kind in sorted(types, reverse=True)),
             lobe=fidelity.lobe,
-            samples=max(part.setting.fidelity.samples for part in parts),
+            samples=max(part.lighting.fidelity.samples for part in parts),
             pixels=sum(len(part.observed.measured.radiance) for part in parts),
             dtype=fidelity.dtype,
-            levels=max(part.setting.fidelity.levels for part in parts),
-            environment_size=setting.environment.radiance.shape[1],
+            levels=max(part.lighting.fidelity.levels for part in parts),
+            environment_size=lighting.environment.radiance.shape[1],
         ),
         effects=tuple(Effect(name=each.name, on=each.on, why=each.why) for each in fitted.planned.plan.decisions),
         time=clock.now(),

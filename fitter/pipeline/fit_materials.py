@@ -15,7 +15,7 @@ from fit_material.fitter.fitted.determinability import seen_by
 from fit_material.fitter.fitted.nuisance_estimates import guessed, turned
 from fit_material.fitter.fitted.part import FittedPart
 from fit_material.fitter.fitted.summary import fitted_material
-from fit_material.fitter.forward.lighting import Setting
+from fit_material.fitter.forward.lighting import Lighting
 from fit_material.fitter.forward.textured_pixels import SpottedPixels
 from fit_material.fitter.least_squares.nuisances import Nuisances
 from fit_material.fitter.least_squares.solvers import SOLVERS, Solver
@@ -38,7 +38,7 @@ MOST_TRACED = 4000  # pixels, of which paths take a minute or two; what they lea
 def fit_parts(
     loaded: Loaded,
     trace: Tracer,
-    setting: Setting,
+    lighting: Lighting,
     options: FitOptions,
     progress: Progress,
     scene_file: Path,
@@ -48,7 +48,7 @@ def fit_parts(
     """Each material from its own pixels.
 
     Args:
-        loaded, trace, setting, options: what there is, and how to fit it.
+        loaded, trace, lighting, options: what there is, and how to fit it.
         progress: told the stage and its share done.
         scene_file: for the sentences of errors.
         kinds: types of the materials, None to find them; as scene file and options say where left out.
@@ -61,7 +61,7 @@ def fit_parts(
         trace=trace,
         scene_file=scene_file,
         materials=len(loaded.materials),
-        footprint=setting.fidelity.footprint,
+        footprint=lighting.fidelity.footprint,
         seed=options.seed,
         left_out=loaded.repeated,
         kept=kept,
@@ -70,11 +70,11 @@ def fit_parts(
     )
     pixels = PixelsByCount(request)
     parts = []
-    for index, observed in enumerate(pixels.of(_first_count(setting.fidelity, options.tolerance))):
+    for index, observed in enumerate(pixels.of(_first_count(lighting.fidelity, options.tolerance))):
         if observed is None:
             continue
         label = _labelled(progress, loaded.materials[index], len(loaded.materials))
-        problems = _Problems(pixels, index, setting, SOLVERS[options.solver], label, nuisances)
+        problems = _Problems(pixels, index, lighting, SOLVERS[options.solver], label, nuisances)
         name, kind = loaded.materials[index], types[index]
         parts.append(_fitted_part(index, name, problems, kind, options.tolerance, options.prior))
     return parts
@@ -96,13 +96,13 @@ class _Problems:
     Attributes:
         pixels: of all materials.
         index: of the material among the mesh's.
-        setting: the light; its fidelity is the one asked for.
+        lighting: the light; its fidelity is the one asked for.
         solver, progress, nuisances: as of `Problem`.
     """
 
     pixels: PixelsByCount
     index: int
-    setting: Setting
+    lighting: Lighting
     solver: Solver
     progress: Progress
     nuisances: Nuisances | None
@@ -111,7 +111,7 @@ class _Problems:
         """The problem at a fidelity."""
         observed = self.pixels.of(fidelity.pixels)[self.index]
         assert observed is not None
-        light = replace(self.setting, fidelity=fidelity)
+        light = replace(self.lighting, fidelity=fidelity)
         return Problem(observed, light, self.solver, self.progress, nuisances=self.nuisances)
 
 
@@ -124,15 +124,15 @@ def _fitted_part(
     prior: Prior,
 ) -> FittedPart:
     """One material: by the fidelity, or by as much of it as a tolerance takes."""
-    fidelity = problems.setting.fidelity
+    fidelity = problems.lighting.fidelity
     if tolerance is None:
         problem = problems.at(fidelity)
-        return _part(index, name, problem.observed, fit_type(problem, kind), problem.setting, prior)
+        return _part(index, name, problem.observed, fit_type(problem, kind), problem.lighting, prior)
     from fit_material.fitter.uncertainty.tolerance import ascend
 
     ascent = ascend(problems.at, fidelity, kind, tolerance)
     problem = ascent.problem
-    return _part(index, name, problem.observed, ascent.choice, problem.setting, prior).by(ascent)
+    return _part(index, name, problem.observed, ascent.choice, problem.lighting, prior).by(ascent)
 
 
 def polished_parts(
@@ -147,15 +147,15 @@ def polished_parts(
         if not is_traced(found[part.index].type):
             return part.remarked("Mitsuba's paths are traced for metals alone, and left it as it was.")
         label = _labelled(progress, part.material.name, len(parts))
-        unhindered = replace(part.setting, occluder=None)  # what the object hides, the paths know
+        unhindered = replace(part.lighting, occluder=None)  # what the object hides, the paths know
         few = part.observed[:: -(-len(part.observed.radiance) // MOST_TRACED)]
         fit = part.choice.fit
         gains = fit.residuals.gains
         nuisances = None
         if gains is not None:
-            nuisances = gains.nuisances.with_rotation_found(fit.residuals.beside(fit.x), part.spread.covariance)
+            nuisances = gains.nuisances.with_rotation_found(fit.residuals.nuisance_part(fit.x), part.spread.covariance)
         problem = Problem(few, unhindered, SOLVERS[options.solver], label, nuisances=nuisances)
-        polish = polished(problem, part.choice.fit, polish_scene(loaded, part.setting, found, part.index))
+        polish = polished(problem, part.choice.fit, polish_scene(loaded, part.lighting, found, part.index))
         choice = replace(part.choice, fit=polish.fit)
         made = _part(part.index, part.material.name, few, choice, unhindered, options.prior)
         made = replace(made, polish=polish)
@@ -169,10 +169,12 @@ def _labelled(progress: Progress, name: str, count: int) -> Progress:
     return progress if count == 1 else lambda stage, share: progress(f"{name}: {stage}", share)
 
 
-def _part(index: int, name: str, observed: Observations, choice: Choice, setting: Setting, prior: Prior) -> FittedPart:
+def _part(
+    index: int, name: str, observed: Observations, choice: Choice, lighting: Lighting, prior: Prior
+) -> FittedPart:
     fit, uncertainty = reported(choice.fit)
     choice = replace(choice, fit=fit)
-    setting = turned(setting, fit)
+    lighting = turned(lighting, fit)
     coordinates = fit.residuals.coordinates
     nearest: tuple[Nearest, ...] = ()
     if isinstance(coordinates, MetalCoordinates):
@@ -180,13 +182,13 @@ def _part(index: int, name: str, observed: Observations, choice: Choice, setting
 
         nearest = nearest_metals(fit.x, coordinates, uncertainty)
     rho = None
-    if not setting.fidelity.blurs and fit.material.width is not None:
+    if not lighting.fidelity.blurs and fit.material.width is not None:
         model = fit.residuals.model
         tint = None
         if isinstance(model, SpottedPixels) and fit.material.color is not None:
             tint = model.tint(fit.material)
-        rho = viewer_roughness(observed.measured, setting.viewers, fit.material, tint)
+        rho = viewer_roughness(observed.measured, lighting.viewers, fit.material, tint)
     borrowed = borrow(fit, uncertainty, prior)
     material = fitted_material(name, fit, uncertainty, rho, nearest, borrowed)
     seen = seen_by(fit, observed, guessed(fit, uncertainty))
-    return FittedPart(index, observed, choice, uncertainty, material, setting, seen, borrowed)
+    return FittedPart(index, observed, choice, uncertainty, material, lighting, seen, borrowed)

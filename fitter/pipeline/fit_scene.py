@@ -14,8 +14,8 @@ from typing import TYPE_CHECKING
 import torch
 
 from fit_material.fitter.fitted.planned import PlannedFit
-from fit_material.fitter.forward.lighting import setting_of
-from fit_material.fitter.least_squares.nuisances import require_known
+from fit_material.fitter.forward.lighting import lighting_for
+from fit_material.fitter.least_squares.nuisances import require_no_free_nuisances
 from fit_material.fitter.least_squares.solvers import compiling
 from fit_material.fitter.observations.scene_data import Loaded, kinds_of, load
 from fit_material.fitter.options.fit_options import FitOptions
@@ -74,9 +74,9 @@ def fit_scene(
     with one_thread_per_operation(), replaced_together(out, replaceable=allowed, size=SIZE) as folder:
         scene = _Scene(scene_file, loaded, loaded.tracer())
         warnings = _check(scene, options.seed, progress, warn) if options.check else []
-        setting = setting_of(scene.loaded, options, device)
+        lighting = lighting_for(scene.loaded, options, device)
         scene = _refine(scene, options, device, progress) if options.refine_pose else scene
-        planned = fit_planned(scene.loaded, scene.trace, setting, options, progress, scene_file)
+        planned = fit_planned(scene.loaded, scene.trace, lighting, options, progress, scene_file)
         planned = _texture(planned, scene, options, progress) if "color" in options.maps else planned
         solving = sum(part.choice.fit.solve_seconds for part in planned.parts)
         clock = Clock(began, read, time.perf_counter(), scene.loaded.photographs.seconds, solving)
@@ -114,7 +114,9 @@ def _load(scene_file: Path, options: FitOptions, progress: Progress) -> Loaded:
     require_mappable(loaded.shape, loaded.scene.geometry.mesh, options.maps)
     for option, is_asked in (("--maps", options.maps), ("--refine-pose", options.refine_pose)):
         if is_asked:
-            require_known(loaded.scene, scene_file, f"beside {option}: those that a fit without it has found")
+            require_no_free_nuisances(
+                loaded.scene, scene_file, f"beside {option}: those that a fit without it has found"
+            )
     return loaded
 
 
@@ -139,9 +141,9 @@ def _refine(scene: _Scene, options: FitOptions, device: torch.device, progress: 
     """The scene with its cameras where they stood, found in light that is exact whatever the fit's is."""
     from fit_material.fitter.poses.refinement import pose_fidelity, refine_poses
 
-    setting = setting_of(scene.loaded, replace(options, fidelity=pose_fidelity(options.fidelity)), device)
+    lighting = lighting_for(scene.loaded, replace(options, fidelity=pose_fidelity(options.fidelity)), device)
     kinds, varied = kinds_of(scene.loaded, options), bool(options.maps)
-    refined = refine_poses(scene.loaded, scene.trace, setting, kinds, progress, scene.file, varied=varied)
+    refined = refine_poses(scene.loaded, scene.trace, lighting, kinds, progress, scene.file, varied=varied)
     return replace(scene, loaded=refined.loaded, refined=refined)
 
 

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from fit_material.fitter.effects.plan import Plan
 from fit_material.fitter.effects.planner import Planner
-from fit_material.fitter.forward.lighting import setting_of
+from fit_material.fitter.forward.lighting import lighting_for
 from fit_material.fitter.observations.scene_data import kinds_of, load
 from fit_material.fitter.options.fit_options import FitOptions
 from fit_material.fitter.options.progress import Progress
@@ -28,8 +28,8 @@ def plan_scene(scene_file: Path, options: FitOptions, progress: Progress = lambd
     loaded = load(scene_file)
     with one_thread_per_operation():
         progress("planning", 0)
-        setting = setting_of(loaded, options, device)
-        planner = Planner(loaded, loaded.tracer(), setting, options)
+        lighting = lighting_for(loaded, options, device)
+        planner = Planner(loaded, loaded.tracer(), lighting, options)
         if not len(planner.sample.surface.hit):
             expected = "a camera that sees the object's front in the pixels its photograph shows"
             raise InputError(scene_file, "photographs", value="", expected=expected)

@@ -8,7 +8,7 @@ from pathlib import Path
 from fit_material.fitter.effects.planner import Planner
 from fit_material.fitter.fitted.part import FittedPart
 from fit_material.fitter.fitted.planned import PlannedFit
-from fit_material.fitter.forward.lighting import Setting
+from fit_material.fitter.forward.lighting import Lighting
 from fit_material.fitter.observations.scene_data import Loaded, kinds_of
 from fit_material.fitter.options.fit_options import FitOptions
 from fit_material.fitter.options.progress import Progress
@@ -20,13 +20,13 @@ ROUNDS = 3
 
 
 def fit_planned(
-    loaded: Loaded, trace: Tracer, setting: Setting, options: FitOptions, progress: Progress, scene_file: Path
+    loaded: Loaded, trace: Tracer, lighting: Lighting, options: FitOptions, progress: Progress, scene_file: Path
 ) -> PlannedFit:
     """Fit with the effects that are called for; again, `ROUNDS` times at most, where what was found calls for more.
 
     What is no longer called for moves no pixel by more than the tolerance: it is dropped without another fit.
     """
-    planner = Planner(loaded, trace, setting, options)
+    planner = Planner(loaded, trace, lighting, options)
     kinds = kinds_of(loaded, options)
     progress("planning", 0)
     plan = planner.plan(kinds)

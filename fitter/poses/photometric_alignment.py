@@ -9,10 +9,10 @@ import torch
 from jaxtyping import Float, Int
 from torch import Tensor
 
-from fit_material.fitter.estimation.coarse_to_fine import Fit, anew
+from fit_material.fitter.estimation.coarse_to_fine import Fit, refit_nearby
 from fit_material.fitter.estimation.model_selection import fit_type
 from fit_material.fitter.estimation.problem import Problem
-from fit_material.fitter.forward.lighting import Setting
+from fit_material.fitter.forward.lighting import Lighting
 from fit_material.fitter.least_squares.solvers import SOLVERS
 from fit_material.fitter.observations.album import Album
 from fit_material.fitter.observations.pixel_selection import Observations
@@ -122,7 +122,7 @@ def informed(
     shown: Shown,
     poses: Sequence[Pose],
     trace: Tracer,
-    setting: Setting,
+    lighting: Lighting,
     kind: MaterialType | None,
     before: Fit | None,
     progress: Progress,
@@ -138,21 +138,21 @@ def informed(
         shown: the pixels.
         poses: of all photographs.
         trace: of the object.
-        setting: the light, and how accurately.
+        lighting: the light, and how accurately.
         kind: the material's type; None to find it.
         before: a fit by poses that were little different; None to begin with nothing.
         progress: told the stage and its share done.
     """
-    surface = shown.seen(trace, [pose.camera for pose in poses], setting.fidelity.footprint)
+    surface = shown.seen(trace, [pose.camera for pose in poses], lighting.fidelity.footprint)
     whole = shown.whole(surface)
     shown, surface = shown[whole], surface[whole]
     observed = Observations(surface, shown.radiance, 0.0, False, len(shown.radiance), shown.place)
-    problem = Problem(observed, setting, SOLVERS["lm"], progress)
-    fit = fit_type(problem, kind).fit if before is None else anew(problem, before)
+    problem = Problem(observed, lighting, SOLVERS["lm"], progress)
+    fit = fit_type(problem, kind).fit if before is None else refit_nearby(problem, before)
     whitening = fit.residuals.robust_whitening(fit.x)
     difference = torch.einsum("prc,pc->pr", whitening, fit.residuals.difference(fit.x))
     by_material = whitening @ fit.residuals.slope(fit.x)
-    halves = whitening @ slopes(shown, surface, poses, trace, setting, fit.material, progress)
+    halves = whitening @ slopes(shown, surface, poses, trace, lighting, fit.material, progress)
     by_pose, photograph = halves.mean(0), shown.photograph
 
     def gathered(each: Tensor) -> Tensor:
@@ -175,7 +175,7 @@ def slopes(
     surface: GBuffer,
     poses: Sequence[Pose],
     trace: Tracer,
-    setting: Setting,
+    lighting: Lighting,
     material: Material,
     progress: Progress,
 ) -> Float[Tensor, "2 p 3 6"]:
@@ -189,10 +189,10 @@ def slopes(
     Args:
         shown: the pixels.
         surface: what they show by these poses, [p, k] rays.
-        poses, trace, setting, progress: as of `informed`.
+        poses, trace, lighting, progress: as of `informed`.
         material: what they are made of.
     """
-    other = replace(setting, seed=setting.seed + 1)
+    other = replace(lighting, seed=lighting.seed + 1)
     alpha = None if material.width is None else float(alpha_of(material.width))
     angle = WIDEST if alpha is None else min(max(BY_ALPHA * alpha, NARROWEST), WIDEST)
     ways = torch.stack([pose.ways(angle) for pose in poses])
@@ -202,7 +202,7 @@ def slopes(
         for side in (1.0, -1.0):
             progress("moving the cameras", (2 * index + (side < 0)) / 12)
             cameras = [pose.by(side * way[index]).camera for pose, way in zip(poses, ways, strict=True)]
-            moved = shown.seen(trace, cameras, setting.fidelity.footprint)
+            moved = shown.seen(trace, cameras, lighting.fidelity.footprint)
             whole = shown.whole(moved)
             model = other.model(material, gbuffer.where(whole, moved, surface), SLOPE_SAMPLES)
             pictures.append(torch.stack([model.half(which).radiance(material) for which in (0, 1)]))

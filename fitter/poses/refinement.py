@@ -11,7 +11,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from fit_material.fitter.estimation.coarse_to_fine import Fit
-from fit_material.fitter.forward.lighting import Setting
+from fit_material.fitter.forward.lighting import Lighting
 from fit_material.fitter.least_squares.sample_halves import believed
 from fit_material.fitter.observations.scene_data import Loaded
 from fit_material.fitter.options.fidelity import PRESETS, Fidelity
@@ -60,7 +60,7 @@ def pose_fidelity(fidelity: Fidelity) -> Fidelity:
 def refine_poses(
     loaded: Loaded,
     trace: Tracer,
-    setting: Setting,
+    lighting: Lighting,
     kinds: Sequence[MaterialType | None],
     progress: Progress,
     scene_file: Path,
@@ -75,7 +75,7 @@ def refine_poses(
     Args:
         loaded: the scene.
         trace: of the object.
-        setting: the light, at `pose_fidelity`; its seed chooses pixels as well.
+        lighting: the light, at `pose_fidelity`; its seed chooses pixels as well.
         kinds: types of the materials, None where that is open.
         progress: told the stage and its share done.
         scene_file: for the error's sentence.
@@ -95,8 +95,8 @@ def refine_poses(
         _require_small(pose, place)
         borders.append(border)
         poses.append(pose)
-    setting = replace(setting, occluder=occluder(loaded.shape))
-    scene = _Scene(loaded, trace, setting, kinds, borders)
+    lighting = replace(lighting, occluder=occluder(loaded.shape))
+    scene = _Scene(loaded, trace, lighting, kinds, borders)
     poses, covariance = (poses, scene.covariance(poses)) if varied else _by_pixels(scene, poses, progress)
     for index, pose in enumerate(poses):
         _require_small(pose, (scene_file, f"photographs[{index}]"))
@@ -114,19 +114,19 @@ class _Scene:
 
     loaded: Loaded
     trace: Tracer
-    setting: Setting
+    lighting: Lighting
     kinds: Sequence[MaterialType | None]
     borders: Sequence[Border]
 
-    def pixels(self, poses: Sequence[Pose], count: int, setting: Setting) -> list[Shown]:
+    def pixels(self, poses: Sequence[Pose], count: int, lighting: Lighting) -> list[Shown]:
         return shown_pixels(
             self.loaded.photographs,
             poses,
             self.trace,
             materials=len(self.loaded.materials),
             count=count,
-            footprint=setting.fidelity.footprint,
-            seed=self.setting.seed,
+            footprint=lighting.fidelity.footprint,
+            seed=self.lighting.seed,
         )
 
     def outlined(self, poses: Sequence[Pose]) -> tuple[Float[Tensor, "v v"], Float[Tensor, " v"]]:
@@ -147,15 +147,15 @@ def _by_pixels(scene: _Scene, poses: list[Pose], progress: Progress) -> tuple[li
     covariance = torch.eye(6 * len(poses)).double()
     for of_each, samples, rounds in EFFORTS:
         pixels = min(of_each * len(poses), MOST_PIXELS)
-        setting = replace(scene.setting, fidelity=replace(scene.setting.fidelity, pixels=pixels, samples=samples))
-        shown = scene.pixels(poses, pixels, setting)
+        lighting = replace(scene.lighting, fidelity=replace(scene.lighting.fidelity, pixels=pixels, samples=samples))
+        shown = scene.pixels(poses, pixels, lighting)
         fits: dict[int, Fit] = {}
         for _ in range(rounds):
             said, gradient = scene.outlined(poses)
             crossed = said
             for each in shown:
                 kind, before = scene.kinds[each.material], fits.get(each.material)
-                found = informed(each, poses, scene.trace, setting, kind, before, progress)
+                found = informed(each, poses, scene.trace, lighting, kind, before, progress)
                 said, crossed, gradient = said + found.said, crossed + found.crossed, gradient + found.gradient
                 fits[each.material] = found.fit
             covariance = torch.linalg.inv(believed(said, crossed))

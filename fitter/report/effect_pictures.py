@@ -8,9 +8,9 @@ from jaxtyping import Float
 from torch import Tensor
 
 from fit_material.fitter.effects.plan_rules import RULES
-from fit_material.fitter.fitted.part import FittedPart, painted
+from fit_material.fitter.fitted.part import FittedPart, shade_by_material
 from fit_material.fitter.fitted.planned import PlannedFit
-from fit_material.fitter.forward.lighting import Setting
+from fit_material.fitter.forward.lighting import Lighting
 from fit_material.fitter.observations.album import Thumbnail
 from fit_material.fitter.report.image_quality import ViewPictures
 from fit_material.renderer.rays.gbuffer import GBuffer, Tracer
@@ -35,7 +35,7 @@ def strips(planned: PlannedFit, thumbnail: Thumbnail, trace: Tracer) -> list[Vie
 
     def picture(without: str | None) -> Picture:
         def shade(surface: GBuffer) -> Float[Tensor, "p 3"]:
-            return painted(planned.parts, surface, lambda part, seen: _radiance(planned, part, seen, without))
+            return shade_by_material(planned.parts, surface, lambda part, seen: _radiance(planned, part, seen, without))
 
         return draw(trace, thumbnail.camera, mask, distance, FOOTPRINT, shade)
 
@@ -49,8 +49,8 @@ def _radiance(planned: PlannedFit, part: FittedPart, surface: GBuffer, without: 
     """One material's picture with the plan's effects, but for one."""
     material = part.choice.fit.material
 
-    def drawn(made: Material = material, setting: Setting = part.setting) -> Float[Tensor, "p 3"]:
-        return setting.simulating(setting.effects - {without or ""}).radiance(made, surface, SAMPLES)
+    def drawn(made: Material = material, lighting: Lighting = part.lighting) -> Float[Tensor, "p 3"]:
+        return lighting.simulating(lighting.effects - {without or ""}).radiance(made, surface, SAMPLES)
 
     if without == "diffuse-irradiance" and material.color is not None:
         return drawn(_bodiless(material)) if material.mirrors else 0 * drawn()
@@ -60,8 +60,8 @@ def _radiance(planned: PlannedFit, part: FittedPart, surface: GBuffer, without: 
         return drawn()
     if without not in ("self-visibility", "interreflection"):
         return drawn() + part.polish.picture(surface)
-    by_rays = part.setting.effects | {"self-visibility"}  # in place of the paths, which have it with the rest
-    occluded = replace(part.setting, occluder=planned.planner.occluder, effects=by_rays)
+    by_rays = part.lighting.effects | {"self-visibility"}  # in place of the paths, which have it with the rest
+    occluded = replace(part.lighting, occluder=planned.planner.occluder, effects=by_rays)
     direct = occluded.radiance(material, surface, SAMPLES)
     if without == "interreflection":
         return direct

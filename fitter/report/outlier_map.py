@@ -52,7 +52,9 @@ def outlier_maps(
         thumbnails, views: of all photographs.
     """
     place = torch.cat([part.observed.measured.place for part in parts])
-    deviation, weight = (torch.cat(each) for each in zip(*(judged(part.choice.fit) for part in parts), strict=True))
+    deviation, weight = (
+        torch.cat(each) for each in zip(*(standardised_residuals(part.choice.fit) for part in parts), strict=True)
+    )
     maps = []
     for index, (thumbnail, view) in enumerate(zip(thumbnails, views, strict=True)):
         own = place[:, 0] == index
@@ -65,7 +67,7 @@ def outlier_maps(
     return maps
 
 
-def judged(fit: Fit) -> tuple[Float[Tensor, " p"], Float[Tensor, " p"]]:
+def standardised_residuals(fit: Fit) -> tuple[Float[Tensor, " p"], Float[Tensor, " p"]]:
     """How many usual standard deviations the fit is brighter than each measured pixel, and how much of one it counted.
 
     What is usual is the median noise of pixels of the same brightness: beside a lamp that the map lacks, every

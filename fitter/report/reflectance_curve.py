@@ -13,7 +13,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from fit_material.fitter.html.svg import INK, inline_svg
-from fit_material.fitter.least_squares.covariance import TWO_SIDED_95, Spread, standard_errors
+from fit_material.fitter.least_squares.covariance import TWO_SIDED_95, Covariance, standard_errors
 from fit_material.fitter.materials.coordinates import Coordinates
 from fit_material.renderer.materials.catalogue import Metal
 from fit_material.shaders.materials.types import Material
@@ -43,7 +43,9 @@ class Curve:
     high: Float[np.ndarray, "t 3"]
 
 
-def reflectance_curve(reflectance: MaterialReflectance, coordinates: Coordinates, x: Tensor, spread: Spread) -> Curve:
+def reflectance_curve(
+    reflectance: MaterialReflectance, coordinates: Coordinates, x: Tensor, spread: Covariance
+) -> Curve:
     """F(θ) of a fitted material; its band is the value ± 1.96 standard errors, inside [0, 1].
 
     Args:

@@ -18,7 +18,7 @@ from fit_material.fitter.observations.scene_data import Loaded
 from fit_material.fitter.options.progress import Progress
 from fit_material.fitter.result.schema import FittedMaterial, Intervals
 from fit_material.fitter.textures.radiosity import DARK
-from fit_material.fitter.textures.texel_equations import Rows, radiosity_on, rows
+from fit_material.fitter.textures.texel_equations import TexelEquations, radiosity_on, rows
 from fit_material.fitter.textures.texel_solver import solve, texture_size
 from fit_material.renderer.geometry.mesh import Mesh
 from fit_material.renderer.images.textures import Texture, lookup
@@ -47,7 +47,7 @@ def with_color_maps(
     parts, plan = list(planned.parts), planned.plan
     for place, part in enumerate(parts):
         parts[place] = _with_color_map(part, parts, loaded, trace, progress, seed, interreflection)
-    if any("interreflection" in part.setting.effects for part in parts if part.color_map is not None):
+    if any("interreflection" in part.lighting.effects for part in parts if part.color_map is not None):
         plan = plan.with_on("interreflection", "colour maps count it, as diffuse light")
     return replace(planned, parts=parts, plan=plan)
 
@@ -77,14 +77,14 @@ def _with_color_map(
     made = _color_map(part, found, light, layout)
     if made is None:
         return _unmapped(part, f"By its texture coordinates no pixel tells texels apart, {size} a side")
-    effects, counted = part.setting.effects - {"interreflection"}, ""
+    effects, counted = part.lighting.effects - {"interreflection"}, ""
     if places is not None and places.transfer is not None:
         for _ in range(ROUNDS):
             light = places.light(_albedo(replace(part, color_map=made), parts))
             made = _color_map(part, found, light, layout) or made
         effects, counted = effects | {"interreflection"}, _on_returned(found, light)
-    setting = replace(part.setting, color_map=_tint(part, made), received=light, effects=effects)
-    part = replace(part, material=_recolored(part.material, made), setting=setting, color_map=made)
+    lighting = replace(part.lighting, color_map=_tint(part, made), received=light, effects=effects)
+    part = replace(part, material=_recolored(part.material, made), lighting=lighting, color_map=made)
     return part.remarked(f"{_on_spots(part)}{made.sentence}{counted}{_on_overlaps(loaded.shape, part.index, layout)}")
 
 
@@ -96,7 +96,7 @@ def _unmapped(part: FittedPart, why: str) -> FittedPart:
 
 
 def _color_map(
-    part: FittedPart, found: Sequence[Rows], light: DiffuseLight | None, layout: Unwrapped
+    part: FittedPart, found: Sequence[TexelEquations], light: DiffuseLight | None, layout: Unwrapped
 ) -> ColorMap | None:
     """The texture by which the photographs come nearest in this light; None where they tell nothing of its texels."""
     solution = solve(found, len(layout.inside), _color(part).clamp_min(LEAST_MEAN).numpy(), light)
@@ -132,7 +132,7 @@ def _albedo(part: FittedPart, parts: Sequence[FittedPart]) -> Albedo:
             if each.color_map is not None:
                 color = lookup(Texture(torch.from_numpy(each.color_map.color)), met.uv[own]).double()
                 material = material.with_color(color)
-            found[own] = material.albedo(each.setting.fidelity.distribution)
+            found[own] = material.albedo(each.lighting.fidelity.distribution)
             fitted |= own
         if not fitted.all() and fitted.any():
             found[~fitted] = found[fitted].mean(0)
@@ -149,7 +149,7 @@ def _on_spots(part: FittedPart) -> str:
     )
 
 
-def _on_returned(found: Sequence[Rows], light: DiffuseLight | None) -> str:
+def _on_returned(found: Sequence[TexelEquations], light: DiffuseLight | None) -> str:
     """How much of its light the object sends itself, where it is seen."""
     if light is None:
         return ""

@@ -14,7 +14,7 @@ from jaxtyping import Bool, Float
 from scipy import sparse
 from torch import Tensor
 
-from fit_material.fitter.forward.lighting import Setting
+from fit_material.fitter.forward.lighting import Lighting
 from fit_material.fitter.forward.pixel_model import DirectLight
 from fit_material.fitter.forward.received_light import Albedo, DiffuseLight, Met
 from fit_material.fitter.forward.surface_samples import Places, Sparse
@@ -128,17 +128,17 @@ def _black(met: Met) -> Float[np.ndarray, "m 3"]:
     return np.zeros((len(met.material), 3))
 
 
-def radiosity(setting: Setting, seen: GBuffer, trace: Tracer, returning: bool, seed: int = 0) -> Radiosity:
+def radiosity(lighting: Lighting, seen: GBuffer, trace: Tracer, returning: bool, seed: int = 0) -> Radiosity:
     """The diffuse light on an object, of a setting that has an occluder.
 
     Args:
-        setting: the light.
+        lighting: the light.
         seen: points [p] of the surface, at least one, of which `PLACES` are taken.
         trace: of the object.
         returning: whether the object sends light to itself.
         seed: of the choice of places and directions.
     """
-    occluder = setting.occluder
+    occluder = lighting.occluder
     assert occluder is not None
     generator = torch.Generator().manual_seed(seed)
     surface, extent = _chosen(seen, PLACES, generator), occluder.offset / OFF
@@ -155,10 +155,10 @@ def radiosity(setting: Setting, seen: GBuffer, trace: Tracer, returning: bool, s
         transfer = Transfer.joined(parts)
     before = (occluder, occluder.origins(surface))
     unoccluded, arriving = (
-        diffuse_table(surface.normal, setting.near, 1, hides, BLOCKS)[:, 0].double() for hides in (None, before)
+        diffuse_table(surface.normal, lighting.near, 1, hides, BLOCKS)[:, 0].double() for hides in (None, before)
     )
-    shadows = occluder if "self-visibility" in setting.effects else None
-    lights = [DirectLight.of(surface[:, None], source, shadows) for source in setting.sources]
+    shadows = occluder if "self-visibility" in lighting.effects else None
+    lights = [DirectLight.of(surface[:, None], source, shadows) for source in lighting.sources]
     sources = sum((each.received() for each in lights), torch.zeros_like(arriving))
     surroundings = torch.minimum(arriving, unoccluded)
     return Radiosity(places, unoccluded.numpy(), surroundings.numpy(), sources.numpy(), transfer)

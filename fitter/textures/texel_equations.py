@@ -16,7 +16,7 @@ from scipy import sparse
 from torch import Tensor
 
 from fit_material.fitter.fitted.part import FittedPart
-from fit_material.fitter.forward.lighting import Setting
+from fit_material.fitter.forward.lighting import Lighting
 from fit_material.fitter.forward.pixel_model import ExactPixels
 from fit_material.fitter.forward.received_light import DiffuseLight
 from fit_material.fitter.forward.surface_samples import Sparse
@@ -44,7 +44,7 @@ TENSORS = ("uv", "area", "seen", "surface", "far", "sources", "even")
 
 
 @dataclass(frozen=True)
-class Rows:
+class TexelEquations:
     """Pixels of one photograph that see the material.
 
     Attributes:
@@ -89,7 +89,7 @@ def rows(
     left_out: Sequence[int],
     found: Radiosity | None,
     progress: Callable[[float], None],
-) -> list[Rows]:
+) -> list[TexelEquations]:
     """The rows of every photograph but those `left_out`.
 
     Args:
@@ -136,9 +136,9 @@ def radiosity_on(
         returning: whether light is counted that the object sends to itself.
         seed: of the choice of places.
     """
-    setting = part.setting
-    mapped = part.index < len(setting.openness) and setting.openness[part.index] is not None
-    if setting.occluder is None or "ambient-occlusion" not in setting.effects or mapped:
+    lighting = part.lighting
+    mapped = part.index < len(lighting.openness) and lighting.openness[part.index] is not None
+    if lighting.occluder is None or "ambient-occlusion" not in lighting.effects or mapped:
         return None
     looked_at = [index for index in range(len(photographs)) if index not in left_out]
     generator, places = torch.Generator().manual_seed(seed), []
@@ -148,10 +148,10 @@ def radiosity_on(
         centres = gbuffer.pixel_footprints(trace, photographs[index].camera, column[chosen], row[chosen], 1)[:, 0]
         places.append(centres[centres.front & (centres.material == part.index)])
     seen = gbuffer.concatenate(places)
-    return radiosity(setting, seen, trace, returning, seed) if len(seen.hit) >= FEWEST_PLACES else None
+    return radiosity(lighting, seen, trace, returning, seed) if len(seen.hit) >= FEWEST_PLACES else None
 
 
-def _rows(about: _About, photograph: Photograph, width: int) -> Rows:
+def _rows(about: _About, photograph: Photograph, width: int) -> TexelEquations:
     radiance, mask = _blocks(photograph, width)
     parts = []
     for row, column in _some(mask):
@@ -162,12 +162,12 @@ def _rows(about: _About, photograph: Photograph, width: int) -> Rows:
             parts.append(_lit(about, surface[usable], radiance[row[usable], column[usable]].double()))
     if not parts:
         none = torch.zeros(0, 3, dtype=torch.float64)
-        return Rows(torch.zeros(0, SIDE**2, 2), torch.zeros(0), none, none, none, none, none)
+        return TexelEquations(torch.zeros(0, SIDE**2, 2), torch.zeros(0), none, none, none, none, none)
     uv, area, seen, surface, far, sources, even = (torch.cat([getattr(each, key) for each in parts]) for key in TENSORS)
     mixing = None if about.found is None else sparse.vstack([each.mixing for each in parts], "csr")
     mirrors = [each.itself for each in parts if each.itself is not None]
     itself = Transfer.joined(mirrors) if mirrors else None
-    return Rows(uv, area, seen, surface, far, sources, even, mixing, itself)
+    return TexelEquations(uv, area, seen, surface, far, sources, even, mixing, itself)
 
 
 def _blocks(photograph: Photograph, width: int) -> tuple[Float[Tensor, "h w 3"], Bool[Tensor, "h w"]]:
@@ -190,24 +190,28 @@ def _some(mask: Bool[Tensor, "h w"]) -> Iterator[tuple[Tensor, Tensor]]:
             yield part[:, 0], part[:, 1]
 
 
-def _lit(about: _About, surface: GBuffer, seen: Float[Tensor, "p 3"]) -> Rows:
+def _lit(about: _About, surface: GBuffer, seen: Float[Tensor, "p 3"]) -> TexelEquations:
     part, found = about.part, about.found
-    material, setting = part.choice.fit.material, part.setting
+    material, lighting = part.choice.fit.material, part.lighting
     assert material.color is not None
     known = {"ambient-occlusion"} if found is not None else set()
-    unhidden = setting.simulating(setting.effects - known)
+    unhidden = lighting.simulating(lighting.effects - known)
     model = unhidden.pixels(surface, body=True, shown=True)
     assert isinstance(model, ExactPixels)
-    table = unhidden.table_of(material, surface, min(setting.fidelity.samples, SAMPLES))
+    table = unhidden.table_of(material, surface, min(lighting.fidelity.samples, SAMPLES))
     white = material.with_color(torch.ones_like(material.color))
     mirrored = model.under(table).radiance(material.with_color(0 * material.color))
     far, sources, even = (each.sent_by_body(white) for each in _lights(model))
     centre = surface[:, SIDE**2 // 2]
     mixing = None if found is None else found.places.mixing(centre)
-    itself, sees = None, "self-visibility" in setting.effects  # else what it hides is still among the mirrored
+    itself, sees = None, "self-visibility" in lighting.effects  # else what it hides is still among the mirrored
     if material.width is not None and sees and found is not None and found.transfer is not None:
-        itself = _itself(material, setting, centre, Looking(about.trace, _occluder(setting), found.places), about.rays)
-    return Rows(surface.uv.float(), _texture_area(surface), seen, mirrored, far, sources, even, mixing, itself)
+        itself = _itself(
+            material, lighting, centre, Looking(about.trace, _occluder(lighting), found.places), about.rays
+        )
+    return TexelEquations(
+        surface.uv.float(), _texture_area(surface), seen, mirrored, far, sources, even, mixing, itself
+    )
 
 
 def _lights(model: ExactPixels) -> tuple[ExactPixels, ExactPixels, ExactPixels]:
@@ -222,16 +226,16 @@ def _lights(model: ExactPixels) -> tuple[ExactPixels, ExactPixels, ExactPixels]:
     )
 
 
-def _occluder(setting: Setting) -> Occluder:
-    assert setting.occluder is not None
-    return setting.occluder
+def _occluder(lighting: Lighting) -> Occluder:
+    assert lighting.occluder is not None
+    return lighting.occluder
 
 
-def _itself(material: Material, setting: Setting, surface: GBuffer, looking: Looking, rays: int) -> Transfer:
+def _itself(material: Material, lighting: Lighting, surface: GBuffer, looking: Looking, rays: int) -> Transfer:
     """What of the object points [p] mirror, each ray weighted by BRDF · n·l over the density that it is drawn by."""
     assert material.width is not None
-    alpha, distribution = float(alpha_of(material.width)), setting.fidelity.distribution
-    generator = torch.Generator().manual_seed(setting.seed)
+    alpha, distribution = float(alpha_of(material.width)), lighting.fidelity.distribution
+    generator = torch.Generator().manual_seed(lighting.seed)
     towards = rough_reflections(surface, *shifted_points(len(surface.hit), rays, generator), alpha)
     half = torch.nn.functional.normalize(towards + surface.view[:, None], dim=-1)
     cos_h, cos_d = ((half * each[:, None]).sum(-1).clamp(1e-6, 1) for each in (surface.normal, surface.view))

@@ -15,7 +15,7 @@ from scipy.sparse.linalg import LinearOperator, cg
 from fit_material.fitter.forward.received_light import DiffuseLight
 from fit_material.fitter.forward.surface_samples import Sparse
 from fit_material.fitter.least_squares.noise import MAD_TO_SIGMA, relative_weight
-from fit_material.fitter.textures.texel_equations import Rows
+from fit_material.fitter.textures.texel_equations import TexelEquations
 from fit_material.renderer.images.textures import texel_weights
 
 ROUNDS = 6  # of weights by what the last one left
@@ -50,7 +50,7 @@ class Solution:
     scatter: float
 
 
-def texture_size(rows: Sequence[Rows], smallest: int, largest: int) -> int:
+def texture_size(rows: Sequence[TexelEquations], smallest: int, largest: int) -> int:
     """Texels along a side so that one is about as large as a pixel of a photograph: a power of two.
 
     The median is over what the pixels cover of the texture, so that it is not the sides seen from farther away, or
@@ -64,7 +64,9 @@ def texture_size(rows: Sequence[Rows], smallest: int, largest: int) -> int:
     return int(min(max(2 ** round(np.log2(side)), smallest), largest))
 
 
-def solve(rows: Sequence[Rows], size: int, mean: Float[np.ndarray, "3"], light: DiffuseLight | None = None) -> Solution:
+def solve(
+    rows: Sequence[TexelEquations], size: int, mean: Float[np.ndarray, "3"], light: DiffuseLight | None = None
+) -> Solution:
     """The texture of size² texels that comes nearest to the photographs.
 
         Σ w² (seen - surface - body · mean of texels)² / 2σ² + Σ |c_t - c_u| / τ
@@ -79,7 +81,7 @@ def solve(rows: Sequence[Rows], size: int, mean: Float[np.ndarray, "3"], light: 
         rows: of each photograph.
         size: of the texture, along either side.
         mean: about what its mean is.
-        light: on the object, as `Rows.body` takes it.
+        light: on the object, as `TexelEquations.body` takes it.
     """
     weights = [_weights(each, size) for each in rows]
     covered = [_coverage(each, weight, size) for each, weight in zip(rows, weights, strict=True)]
@@ -100,7 +102,7 @@ def solve(rows: Sequence[Rows], size: int, mean: Float[np.ndarray, "3"], light: 
     return Solution(texture.reshape(*shape, 3), solved.reshape(shape), photographs.reshape(shape), scatter)
 
 
-def _weights(rows: Rows, size: int) -> Sparse:
+def _weights(rows: TexelEquations, size: int) -> Sparse:
     """How each pixel mixes the texels, [pixels, size²]; each row's sum is 1."""
     index, weight = texel_weights(size, size, rows.uv.double())
     count, each = len(index), int(np.prod(index.shape[1:]))
@@ -111,7 +113,7 @@ def _weights(rows: Rows, size: int) -> Sparse:
     return found
 
 
-def _coverage(rows: Rows, weights: Sparse, size: int) -> Float[np.ndarray, " t"]:
+def _coverage(rows: TexelEquations, weights: Sparse, size: int) -> Float[np.ndarray, " t"]:
     """Share of each texel's area that a photograph's pixels cover, those that are not much larger."""
     texels = rows.area.numpy() * size**2
     return weights.T @ np.where(texels <= COARSEST, texels, 0.0)

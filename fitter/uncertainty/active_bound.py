@@ -15,7 +15,7 @@ from jaxtyping import Bool, Float
 from torch import Tensor
 
 from fit_material.fitter.estimation.coarse_to_fine import Fit
-from fit_material.fitter.least_squares.covariance import Spread, spread
+from fit_material.fitter.least_squares.covariance import Covariance, sandwich_covariance
 from fit_material.fitter.least_squares.solvers import levenberg_marquardt
 from fit_material.fitter.materials.coordinates import Coordinates
 from fit_material.fitter.materials.matte import MatteCoordinates
@@ -59,13 +59,13 @@ class LambertianCoordinates(Coordinates[Matte]):
         return torch.cat([~self.held, self.held.new_ones(count - len(self.held))])
 
 
-def reported(fit: Fit) -> tuple[Fit, Spread]:
+def reported(fit: Fit) -> tuple[Fit, Covariance]:
     """A fit as material, pictures and exposures are told from it, and the covariance of its free vector.
 
     Reflectances that are held may lie below 1 nevertheless, and what they are free to do there counts as an error of
     theirs and of the numbers that follow them: the second moment about 1 of their normal distribution, cut off there.
     """
-    coordinates, uncertainty = fit.residuals.coordinates, spread(fit.residuals, fit.x)
+    coordinates, uncertainty = fit.residuals.coordinates, sandwich_covariance(fit.residuals, fit.x)
     if fit.alike is not None:
         return fit, replace(uncertainty, covariance=uncertainty.covariance + fit.alike.covariance)
     if not isinstance(coordinates, MatteCoordinates):
@@ -76,9 +76,9 @@ def reported(fit: Fit) -> tuple[Fit, Spread]:
     lambertian = _lambertian(fit, coordinates, held)
     holding = lambertian.residuals.coordinates
     assert isinstance(holding, LambertianCoordinates)
-    own = spread(lambertian.residuals, lambertian.x).covariance
+    own = sandwich_covariance(lambertian.residuals, lambertian.x).covariance
     covariance = _below_lambert(uncertainty.covariance, fit.x - coordinates.lambert, holding.kept(len(fit.x)), own)
-    return replace(lambertian, residuals=fit.residuals, x=holding.completed(lambertian.x)), Spread(covariance)
+    return replace(lambertian, residuals=fit.residuals, x=holding.completed(lambertian.x)), Covariance(covariance)
 
 
 def _below_lambert(

@@ -7,13 +7,13 @@ from collections.abc import Mapping, Sequence
 import torch
 
 from fit_material.fitter.estimation.coarse_to_fine import Fit
-from fit_material.fitter.least_squares.covariance import Spread
+from fit_material.fitter.least_squares.covariance import Covariance
 from fit_material.fitter.least_squares.jacobian import jacobian
 from fit_material.fitter.result.schema import Correlation
 from fit_material.fitter.uncertainty.estimates import Measured, name_of, reported_quantities, value_of
 
 
-def correlation(fit: Fit, spread: Spread, found: Mapping[str, Sequence[Measured]]) -> Correlation | None:
+def correlation(fit: Fit, spread: Covariance, found: Mapping[str, Sequence[Measured]]) -> Correlation | None:
     """Correlation coefficients C_ij/√(C_ii C_jj) of all numbers that have standard errors, to first order.
 
     Args:

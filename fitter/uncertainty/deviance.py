@@ -8,12 +8,12 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from fit_material.fitter.least_squares.covariance import TWO_SIDED_95, Spread
+from fit_material.fitter.least_squares.covariance import TWO_SIDED_95, Covariance
 from fit_material.fitter.least_squares.jacobian import Function, jacobian, jacobians
 
 
 @dataclass(frozen=True)
-class Valley:
+class Deviance:
     """The deviance D, and a quantity over it.
 
     Attributes:
@@ -33,10 +33,10 @@ class Valley:
     dispersion: Float[Tensor, " q"]
 
     @staticmethod
-    def around(residual: Function, quantity: Function, x: Float[Tensor, " x"], dispersion: Tensor) -> Valley:
+    def around(residual: Function, quantity: Function, x: Float[Tensor, " x"], dispersion: Tensor) -> Deviance:
         slope, r = _slope(residual, x), residual(x)
         removed = slope @ torch.linalg.lstsq(slope, r[:, None], driver="gelsd").solution[:, 0]
-        return Valley(residual, quantity, x, removed, (r - removed).square().sum(), dispersion)
+        return Deviance(residual, quantity, x, removed, (r - removed).square().sum(), dispersion)
 
     @property
     def wanted(self) -> Float[Tensor, " q"]:
@@ -52,7 +52,7 @@ class Valley:
 
 
 def dispersion_of(
-    residual: Function, x: Float[Tensor, " x"], slope: Float[Tensor, "q x"], spread: Spread
+    residual: Function, x: Float[Tensor, " x"], slope: Float[Tensor, "q x"], spread: Covariance
 ) -> Float[Tensor, " q"]:
     """κ of quantities by their slopes: gᵀ C g over gᵀ (JᵀJ)⁻¹ g; infinite or NaN where nothing is known."""
     taken = torch.linalg.lstsq(_slope(residual, x).T, slope.T, driver="gelsd").solution  # J (JᵀJ)⁻¹ g

@@ -11,7 +11,7 @@ from torch import Tensor
 
 from fit_material.fitter.estimation.coarse_to_fine import Fit
 from fit_material.fitter.estimation.viewer_roughness import ViewerRoughness
-from fit_material.fitter.least_squares.covariance import TWO_SIDED_95, Spread, standard_errors
+from fit_material.fitter.least_squares.covariance import TWO_SIDED_95, Covariance, standard_errors
 from fit_material.fitter.options.fidelity import BLUR_RANGE, MICROFACET_RANGE
 from fit_material.fitter.result.schema import CHANNELS
 from fit_material.fitter.uncertainty.profile_likelihood import intervals
@@ -64,7 +64,7 @@ class Measured:
         return Measured(value, self.stderr, (min(inside[0], value), max(inside[1], value)))
 
 
-def measured(fit: Fit, spread: Spread, asked: Quantity) -> list[Measured]:
+def measured(fit: Fit, spread: Covariance, asked: Quantity) -> list[Measured]:
     """A quantity of a fit, per channel, with error and interval from the covariance of its free vector.
 
     A number that no free number moves, because these ran to the ends of their domains, has neither.

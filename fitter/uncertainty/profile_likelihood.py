@@ -19,9 +19,9 @@ import torch
 from jaxtyping import Bool, Float, Int
 from torch import Tensor
 
-from fit_material.fitter.least_squares.covariance import TWO_SIDED_95, Spread, intervals95, standard_errors
+from fit_material.fitter.least_squares.covariance import TWO_SIDED_95, Covariance, intervals95, standard_errors
 from fit_material.fitter.least_squares.jacobian import Function, jacobian, jacobians
-from fit_material.fitter.uncertainty.deviance import Valley, dispersion_of
+from fit_material.fitter.uncertainty.deviance import Deviance, dispersion_of
 
 if TYPE_CHECKING:
     from fit_material.fitter.estimation.coarse_to_fine import Fit
@@ -39,14 +39,14 @@ OVERSHOT = 2.0  # price of deviance that is not wanted over its worth in the qua
 UNRELATED = 1e4  # κ, from which weights and scatter have nothing to do with each other
 
 
-def intervals(fit: Fit, spread: Spread, quantity: Function) -> Extent:
+def intervals(fit: Fit, spread: Covariance, quantity: Function) -> Extent:
     """Ends of the 95 % interval of each of `quantity(x)`; by the ellipsoid alone where the fit cannot be condensed."""
     if fit.condensate is None:
         return intervals95(quantity, fit.x, spread)
     return profiled(fit.condensate, fit.x, spread, quantity)
 
 
-def profiled(residual: Function, x: Float[Tensor, " x"], spread: Spread, quantity: Function) -> Extent:
+def profiled(residual: Function, x: Float[Tensor, " x"], spread: Covariance, quantity: Function) -> Extent:
     """Ends of the 95 % interval of each of `quantity(x)`: the ellipsoid's where it holds, else the profile's.
 
     Args:
@@ -61,7 +61,7 @@ def profiled(residual: Function, x: Float[Tensor, " x"], spread: Spread, quantit
     ellipse = torch.stack(intervals95(quantity, x, spread))
     turns, along, way = _turning(quantity, x, spread)
     slope = torch.where(turns[:, None], torch.eye(len(x), dtype=x.dtype)[along], jacobian(quantity, x))
-    valley = Valley.around(residual, quantity, x, dispersion_of(residual, x, slope, spread))
+    valley = Deviance.around(residual, quantity, x, dispersion_of(residual, x, slope, spread))
     ends = _Ends.of((valley.dispersion < UNRELATED) & ellipse.isfinite().all(0))
     ends = ends.only(turns[ends.index] | ~_ellipse_holds(valley, ends))
     turned = ends.only(turns[ends.index])
@@ -73,7 +73,7 @@ def profiled(residual: Function, x: Float[Tensor, " x"], spread: Spread, quantit
     return _joined(ellipse, *_searched(_State.at(valley, every, starts)))
 
 
-def _ellipse_holds(valley: Valley, ends: _Ends) -> Bool[Tensor, " e"]:
+def _ellipse_holds(valley: Deviance, ends: _Ends) -> Bool[Tensor, " e"]:
     """Whether a step to the ends as they would be in a straight valley leads to the ends."""
     if not len(ends.index):
         return torch.zeros(0, dtype=torch.bool)
@@ -107,11 +107,11 @@ class _State:
         valley: that they are in.
         ends: they seek.
         x: the free vectors.
-        deviance, gradient, information: as `Valley.deviance` has it.
+        deviance, gradient, information: as `Deviance.deviance` has it.
         distance, slope: of the quantity from the value, outwards, and its gradient.
     """
 
-    valley: Valley
+    valley: Deviance
     ends: _Ends
     x: Float[Tensor, "e x"]
     deviance: Float[Tensor, " e"]
@@ -121,7 +121,7 @@ class _State:
     slope: Float[Tensor, "e x"]
 
     @staticmethod
-    def at(valley: Valley, ends: _Ends, x: Float[Tensor, "e x"]) -> _State:
+    def at(valley: Deviance, ends: _Ends, x: Float[Tensor, "e x"]) -> _State:
         values, slopes = jacobians(valley.quantity, x)
         each = torch.arange(len(x))
         distance = ends.side * (values - valley.quantity(valley.x))[each, ends.index]
@@ -186,7 +186,7 @@ def _searched(state: _State) -> tuple[_State, Bool[Tensor, " e"]]:
 
 
 def _turning(
-    quantity: Function, x: Float[Tensor, " x"], spread: Spread
+    quantity: Function, x: Float[Tensor, " x"], spread: Covariance
 ) -> tuple[Bool[Tensor, " q"], Int[Tensor, " q"], Float[Tensor, "q x"]]:
     """Which quantities turn round within the ellipsoid, so that two ways lead to one end, as k does where n = 1.
 

@@ -16,7 +16,7 @@ import torch
 from jaxtyping import Bool, Float
 from torch import Tensor
 
-from fit_material.fitter.estimation.coarse_to_fine import Fit, Problem, anew
+from fit_material.fitter.estimation.coarse_to_fine import Fit, Problem, refit_nearby
 from fit_material.fitter.estimation.model_selection import Choice, fit_type
 from fit_material.fitter.estimation.roughness_survey import surveyed
 from fit_material.fitter.least_squares.covariance import integration_share, intervals95, is_determined, standard_errors
@@ -217,7 +217,7 @@ def ascend(
         if further is None:
             break
         problem = problem_at(further.of(fidelity))
-        choice = replace(choice, fit=surveyed(problem, anew(problem, choice.fit)))
+        choice = replace(choice, fit=surveyed(problem, refit_nearby(problem, choice.fit)))
     left = outlook.foreseen(outlook.most())
     hopeless = {name: float(each) for name, each in zip(outlook.names, left, strict=True) if each > tolerance}
     return Ascent(tolerance, begun, choice, problem, tuple(rungs), hopeless)

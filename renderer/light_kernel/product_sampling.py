@@ -11,7 +11,7 @@ from drjit.llvm import Array4f, Float, UInt32
 from jaxtyping import Float as Floats
 from torch import Tensor
 
-from fit_material.renderer.light_sampling.product_sampling import COLUMNS, EVEN, ROWS, LampBlocks
+from fit_material.renderer.light_sampling.product_sampling import COLUMNS, EVEN, ROWS, ImportanceBlocks
 
 _COUNT = ROWS * COLUMNS
 _WHOLE = 2**32  # a chance of 1, in fixed point
@@ -21,7 +21,7 @@ _HALVINGS = _COUNT.bit_length() - 1
 
 @dataclass(frozen=True)
 class FusedBlocks:
-    """The arrays of `LampBlocks`.
+    """The arrays of `ImportanceBlocks`.
 
     Attributes:
         middles: x, y, z of each block's direction, and its spread.
@@ -37,7 +37,7 @@ class FusedBlocks:
     of_column: UInt32
 
     @staticmethod
-    def of(blocks: LampBlocks) -> FusedBlocks:
+    def of(blocks: ImportanceBlocks) -> FusedBlocks:
         middles = torch.cat([blocks.towards, blocks.spread[:, None]], 1)
         first = (blocks.first * _WHOLE).round().clamp(0, _WHOLE - 1)
         arrays = (UInt32(table.numpy().astype("uint32")) for table in (first, blocks.of_row, blocks.of_column))

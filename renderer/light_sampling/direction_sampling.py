@@ -13,7 +13,7 @@ from fit_material.renderer.environment import latlong
 from fit_material.renderer.environment.environment import Environment
 from fit_material.renderer.environment.latlong import LatLong
 from fit_material.renderer.light_sampling import environment_sampling, product_sampling
-from fit_material.renderer.light_sampling.environment_sampling import LampSampler
+from fit_material.renderer.light_sampling.environment_sampling import EnvironmentSampler
 from fit_material.renderer.rays.local_frame import Frames, frames
 from fit_material.renderer.rays.pixel_footprint import FEW, Rays
 from fit_material.shaders.optics import microfacets
@@ -27,7 +27,7 @@ class LightSampler:
     """An environment to look up, its sampling density as the fourth channel, and to draw directions from."""
 
     light: LatLong
-    lamps: LampSampler
+    lamps: EnvironmentSampler
 
     @staticmethod
     def of(environment: Environment) -> LightSampler:

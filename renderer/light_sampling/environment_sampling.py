@@ -13,11 +13,11 @@ from torch import Tensor
 from fit_material.renderer.environment.environment import Environment
 from fit_material.renderer.environment.latlong import polar_angle, row_edges, row_solid_angle, with_border
 from fit_material.renderer.light_sampling import product_sampling
-from fit_material.renderer.light_sampling.product_sampling import LampBlocks
+from fit_material.renderer.light_sampling.product_sampling import ImportanceBlocks
 
 
 @dataclass(frozen=True)
-class LampSampler:
+class EnvironmentSampler:
     """Draws texels of an environment in proportion to their light, along a curve that keeps neighbours together.
 
     Attributes:
@@ -33,10 +33,10 @@ class LampSampler:
     width: int
     height: int
     rotation: float
-    blocks: LampBlocks
+    blocks: ImportanceBlocks
 
 
-def build(environment: Environment) -> LampSampler:
+def build(environment: Environment) -> EnvironmentSampler:
     """The sampler of an environment."""
     height, width = environment.radiance.shape[:2]
     density = sampling_density(environment)
@@ -47,11 +47,11 @@ def build(environment: Environment) -> LampSampler:
     order = order[torch.argsort(blocks.at(order // width, order % width), stable=True)]
     cumulative = share.flatten()[order].cumsum(0)
     cumulative = cumulative / cumulative[-1]
-    return LampSampler(order, cumulative, density.flatten(), width, height, environment.rotation, blocks)
+    return EnvironmentSampler(order, cumulative, density.flatten(), width, height, environment.rotation, blocks)
 
 
 def sample(
-    lamps: LampSampler, u: Float[Tensor, "*p"], u1: Float[Tensor, "*p"], u2: Float[Tensor, "*p"]
+    lamps: EnvironmentSampler, u: Float[Tensor, "*p"], u1: Float[Tensor, "*p"], u2: Float[Tensor, "*p"]
 ) -> tuple[Float[Tensor, "*p"], Float[Tensor, "*p"], Float[Tensor, "*p"], Float[Tensor, "*p"]]:
     """Directions with a density that is constant within each texel.
 
@@ -73,7 +73,7 @@ def sample(
 
 
 def texels(
-    lamps: LampSampler, x: Float[Tensor, "*p"], y: Float[Tensor, "*p"], z: Float[Tensor, "*p"]
+    lamps: EnvironmentSampler, x: Float[Tensor, "*p"], y: Float[Tensor, "*p"], z: Float[Tensor, "*p"]
 ) -> tuple[Int[Tensor, "*p"], Int[Tensor, "*p"]]:
     """Row and column of the texel that each unit direction in world space falls into."""
     u = torch.atan2(x, -z) / (2 * math.pi) + lamps.rotation / 360

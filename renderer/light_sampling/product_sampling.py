@@ -21,7 +21,7 @@ EVEN = 0.1  # share of the directions that ask for the light alone, so that no b
 
 
 @dataclass(frozen=True)
-class LampBlocks:
+class ImportanceBlocks:
     """Blocks of texels.
 
     Attributes:
@@ -44,7 +44,7 @@ class LampBlocks:
         return self.of_row[row] + self.of_column[column]
 
 
-def build(environment: Environment, share: Float[Tensor, "h w"]) -> LampBlocks:
+def build(environment: Environment, share: Float[Tensor, "h w"]) -> ImportanceBlocks:
     """The blocks of an environment whose texels have these shares of all light."""
     height, width = share.shape
     device = share.device
@@ -61,7 +61,7 @@ def build(environment: Environment, share: Float[Tensor, "h w"]) -> LampBlocks:
     length = middle.norm(dim=1)
     spread = 2 * (1 - length).clamp_min(0)  # the mean of 2 (1 - cos) about the mean direction
     towards = (middle / length.clamp_min(1e-12)[:, None]).float()
-    return LampBlocks(total, total.cumsum(0) - total, towards, spread.float(), of_row, of_column)
+    return ImportanceBlocks(total, total.cumsum(0) - total, towards, spread.float(), of_row, of_column)
 
 
 def turned(towards: Float[Tensor, "*p 3"], degrees: float) -> Float[Tensor, "*p 3"]:
@@ -86,7 +86,7 @@ def width(alpha: float, tilt: Float[Tensor, " p"]) -> Float[Tensor, " p"]:
 
 
 def chances(
-    blocks: LampBlocks,
+    blocks: ImportanceBlocks,
     cos_v: Float[Tensor, "p 1"],
     sin_v: Float[Tensor, "p 1"],
     towards: tuple[Float[Tensor, "p k"], ...],

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 import torch
 
-from fit_material.fitter.forward.lighting import Setting
+from fit_material.fitter.forward.lighting import Lighting
 from fit_material.fitter.options.fidelity import preset
 from fit_material.renderer.environment.environment_file import read_environment
 from fit_material.renderer.geometry.mesh import Sphere
@@ -49,9 +49,9 @@ def _row(environment_name: str, lobe: str, alpha: float, variant: str) -> str:
 
     row, column = torch.from_numpy(covered).nonzero().T
     surface = gbuffer.pixel_footprints(gbuffer.tracer(Sphere()), camera, column, row, 4)
-    setting = Setting(environment, (), preset("standard", lobe))  # type: ignore[arg-type]
-    table = setting.table(surface, (alpha * 0.999, alpha * 1.001, 1), SAMPLES)
-    pixels = setting.pixels(surface, body=False)
+    lighting = Lighting(environment, (), preset("standard", lobe))  # type: ignore[arg-type]
+    table = lighting.table(surface, (alpha * 0.999, alpha * 1.001, 1), SAMPLES)
+    pixels = lighting.pixels(surface, body=False)
     truth = Metal(
         *(torch.tensor(v, dtype=torch.float64) for v in (gold.n, gold.k)), Microfacet(torch.tensor(alpha).double())
     )

@@ -11,8 +11,8 @@ from jaxtyping import Float
 from torch import Tensor
 
 from fit_material.fitter.estimation.coarse_to_fine import Fit, Problem, fit_material
-from fit_material.fitter.forward.lighting import Setting
-from fit_material.fitter.least_squares.covariance import spread, standard_errors
+from fit_material.fitter.forward.lighting import Lighting
+from fit_material.fitter.least_squares.covariance import sandwich_covariance, standard_errors
 from fit_material.fitter.least_squares.solvers import SOLVERS
 from fit_material.fitter.observations.pixel_selection import choose_pixels
 from fit_material.fitter.observations.scene_data import Loaded, load
@@ -55,8 +55,8 @@ def _problems(case: Case, variant: str) -> tuple[Problem, GBuffer]:
         loaded.photographs, trace, scene, count=fidelity.pixels, footprint=fidelity.footprint, seed=0
     )
     assert chosen is not None
-    setting = Setting(loaded.environment, (), fidelity)
-    problem = Problem(chosen, setting, SOLVERS["lm"], lambda stage, share: None)
+    lighting = Lighting(loaded.environment, (), fidelity)
+    problem = Problem(chosen, lighting, SOLVERS["lm"], lambda stage, share: None)
     return problem, _traced_again(problem, trace, loaded)
 
 
@@ -90,9 +90,9 @@ def _shifts(problem: Problem, fine: GBuffer, fit: Fit) -> Iterator[tuple[str, Te
     fidelity, span = problem.fidelity, (table.low, table.high)
 
     def picture(surface: GBuffer = problem.observed.surface, levels: int = fidelity.levels, **better) -> Tensor:
-        setting = replace(problem.setting, fidelity=replace(fidelity, **better))
-        made: LightTable = setting.table(surface, (*span, levels), fidelity.samples)
-        return setting.pixels(surface, body=False).under(made).radiance(fit.material)
+        lighting = replace(problem.lighting, fidelity=replace(fidelity, **better))
+        made: LightTable = lighting.table(surface, (*span, levels), fidelity.samples)
+        return lighting.pixels(surface, body=False).under(made).radiance(fit.material)
 
     plain = picture()
     yield f"reflectance by {fidelity.degree} functions (24)", _moved(fit, plain - picture(degree=24))
@@ -117,7 +117,7 @@ def _chance(fit: Fit) -> Float[Tensor, " x"]:
 
 def _in_errors(fit: Fit, shift: Float[Tensor, " x"]) -> list[float]:
     """The largest shift of F0, n, k and alpha, in their stated standard errors."""
-    uncertainty, coordinates = spread(fit.residuals, fit.x), fit.residuals.coordinates
+    uncertainty, coordinates = sandwich_covariance(fit.residuals, fit.x), fit.residuals.coordinates
     numbers = (lambda m: m.f0, lambda m: m.n, lambda m: m.k, lambda m: m.width.value[None])
     found = []
     for number in numbers:

@@ -17,7 +17,7 @@ import numpy as np
 import torch
 from jaxtyping import Float
 
-from fit_material.fitter.forward.lighting import setting_of
+from fit_material.fitter.forward.lighting import lighting_for
 from fit_material.fitter.observations.album import Album
 from fit_material.fitter.observations.scene_data import load
 from fit_material.fitter.pipeline.fit_materials import fit_parts
@@ -90,11 +90,11 @@ def _fitted(draws: Draws, index: int) -> Estimate:
         for photograph, pixels in zip(loaded.photographs, drawn, strict=True)
     )
     options = draws.how.options(seed=index)
-    setting = setting_of(loaded, options, torch.device("cpu"))
+    lighting = lighting_for(loaded, options, torch.device("cpu"))
     trace = gbuffer.tracer(loaded.shape)
     with one_thread_per_operation():
         again = replace(loaded, photographs=photographs)
-        (part,) = fit_parts(again, trace, setting, options, lambda stage, done: None, scene)
+        (part,) = fit_parts(again, trace, lighting, options, lambda stage, done: None, scene)
     return estimate_of(part.material)
 
 

@@ -17,7 +17,7 @@ import torch
 from jaxtyping import Float, Int
 from torch import Tensor
 
-from fit_material.fitter.forward.lighting import Setting
+from fit_material.fitter.forward.lighting import Lighting
 from fit_material.fitter.forward.pixel_model import PixelModel
 from fit_material.fitter.options.fidelity import preset
 from fit_material.renderer.cameras.camera import Camera
@@ -128,9 +128,9 @@ def _exact(geometry: SynthOptions, alpha: float) -> tuple[PixelModel, Int[Tensor
     seen = [_usable(camera, trace) for camera in cameras]
     surface = gbuffer.concatenate([each for each, _ in seen])
     place = [torch.nn.functional.pad(pixels, (1, 0), value=view) for view, (_, pixels) in enumerate(seen)]
-    setting = Setting(read_environment(geometry.env), (), preset("standard"))
-    table = setting.table(surface, (alpha / SPAN, alpha * SPAN, LEVELS), TABLE_SAMPLES)
-    return setting.pixels(surface, body=False).under(table), torch.cat(place)
+    lighting = Lighting(read_environment(geometry.env), (), preset("standard"))
+    table = lighting.table(surface, (alpha / SPAN, alpha * SPAN, LEVELS), TABLE_SAMPLES)
+    return lighting.pixels(surface, body=False).under(table), torch.cat(place)
 
 
 def _usable(camera: Camera, trace: Tracer) -> tuple[GBuffer, Int[Tensor, "p 2"]]:

@@ -223,8 +223,8 @@ def _case_rows(outcome: Outcome) -> Iterator[str]:
     cells = " | ".join(", ".join(told[SLICES[key]]) for key in order)
     yield f"| | | {outcome.status} | {cells} | {outcome.curve_error:.4f} | {outcome.seconds:.1f} |"
     triples = zip(found.over(outcome.independent), found.over(outcome.joint), found.deviation(truth), strict=True)
-    judged = [f"{ratio:.2f}/{joint:.2f} ({deviation:+.1f})" for ratio, joint, deviation in triples]
-    cells = " | ".join(", ".join(judged[SLICES[key]]) for key in order)
+    standardised_residuals = [f"{ratio:.2f}/{joint:.2f} ({deviation:+.1f})" for ratio, joint, deviation in triples]
+    cells = " | ".join(", ".join(standardised_residuals[SLICES[key]]) for key in order)
     yield f"| | | / bound (error/σ) | {cells} | | |"
 
 

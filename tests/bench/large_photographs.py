@@ -11,7 +11,7 @@ import torch
 from jaxtyping import Bool, Float
 from PIL import Image as PillowImage
 
-from fit_material.fitter.forward.lighting import Setting
+from fit_material.fitter.forward.lighting import Lighting
 from fit_material.fitter.options.fidelity import preset
 from fit_material.renderer.files.atomic import replaced_together, write_text_atomically
 from fit_material.renderer.geometry.mesh import Sphere
@@ -103,12 +103,12 @@ def _exposure(folder: Path) -> float:
 
 def _traced(pose: View) -> tuple[Float[np.ndarray, "h w 3"], Bool[np.ndarray, "h w"]]:
     camera = camera_of(_spec(pose), TRACED_WIDTH, TRACED_WIDTH * 3 // 4)
-    known, setting = metal("Au"), Setting(studio(MADE_UNDER), (), preset("standard"))
+    known, lighting = metal("Au"), Lighting(studio(MADE_UNDER), (), preset("standard"))
     n, k = (torch.tensor(each, dtype=torch.float64) for each in (known.n, known.k))
     gold = Metal(n, k, Microfacet(torch.tensor(ALPHA, dtype=torch.float64)))
 
     def shade(surface: GBuffer) -> torch.Tensor:
-        return setting.radiance(gold, surface, SAMPLES)
+        return lighting.radiance(gold, surface, SAMPLES)
 
     everything = torch.ones(camera.height, camera.width, dtype=torch.bool)
     picture = draw(gbuffer.tracer(Sphere()), camera, everything, 1, 1, shade)

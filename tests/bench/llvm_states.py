@@ -18,7 +18,7 @@ from itertools import combinations
 from pathlib import Path
 
 from fit_material.fitter.estimation.coarse_to_fine import Fit
-from fit_material.fitter.least_squares.covariance import Spread, integration_share
+from fit_material.fitter.least_squares.covariance import Covariance, integration_share
 from fit_material.fitter.pipeline import fit_materials
 from fit_material.fitter.pipeline.fit_scene import fit_scene
 from fit_material.fitter.result.schema import FittedMaterial, read_result
@@ -131,7 +131,7 @@ def main(scene: str, out: str, kind: str) -> None:
     """Fit one scene, and write the share of its variance that the integration of light brought."""
     shares = []
 
-    def noted(fit: Fit) -> tuple[Fit, Spread]:
+    def noted(fit: Fit) -> tuple[Fit, Covariance]:
         shares.append(integration_share(fit.residuals, fit.x))
         return reported(fit)
 

@@ -15,7 +15,7 @@ import torch
 from fit_material.fitter.effects.interreflection import SAMPLES as PATHS
 from fit_material.fitter.effects.plan import Plan
 from fit_material.fitter.effects.planner import Planner
-from fit_material.fitter.forward.lighting import Setting
+from fit_material.fitter.forward.lighting import Lighting
 from fit_material.fitter.options.fidelity import PRESETS
 from fit_material.fitter.options.fit_options import FitOptions
 from fit_material.fitter.pipeline.fit_scene import fit_scene
@@ -100,14 +100,14 @@ def cost_rows() -> Iterator[str]:
     """Seconds that effects take in the tables of a fit of 4000 pixels, or of what a polish traces."""
     surface = _pixels(torus())
     alpha, n, k = (torch.tensor(each, dtype=torch.float64) for each in (golden.ALPHA, golden.N, golden.K))
-    plain = Setting(golden.light(), (), PRESETS["standard"])
+    plain = Lighting(golden.light(), (), PRESETS["standard"])
     lit = replace(plain, sources=(directional_light(LAMP),))
     hidden = replace(plain, occluder=Occluder.of(torus()))
     few = plain.simulating(ALL - {"pixel-footprint"})
     scene = DifferentiableScene(torus(), golden.light(), (), [GOLD])
 
-    def table(setting: Setting) -> Callable[[], object]:
-        return lambda: setting.table(surface, (0.18, 0.22, 5), 512)
+    def table(lighting: Lighting) -> Callable[[], object]:
+        return lambda: lighting.table(surface, (0.18, 0.22, 5), 512)
 
     lobe, middle_alone = _seconds(table(plain)), _seconds(table(few))
     body = _seconds(lambda: plain.pixels(surface, body=True))

@@ -17,7 +17,7 @@ import torch
 from jaxtyping import Float
 
 from fit_material.fitter.estimation.coarse_to_fine import Problem, rounds
-from fit_material.fitter.forward.lighting import setting_of
+from fit_material.fitter.forward.lighting import lighting_for
 from fit_material.fitter.least_squares.solvers import SOLVERS, compiling
 from fit_material.fitter.observations.pixel_selection import choose_pixels
 from fit_material.fitter.observations.scene_data import Loaded, load
@@ -168,14 +168,14 @@ def _table(scene: Path, views: int, course: Course) -> Iterator[str]:
 def _rounds(loaded: Loaded, scene: Path) -> Iterator[State]:
     """Ours, from choosing pixels on: the draft and what each round makes of it."""
     begun, options = time.perf_counter(), FitOptions(type="metal")
-    setting, trace = setting_of(loaded, options, torch.device("cpu")), gbuffer.tracer(loaded.shape)
-    count, footprint = setting.fidelity.pixels, setting.fidelity.footprint
+    lighting, trace = lighting_for(loaded, options, torch.device("cpu")), gbuffer.tracer(loaded.shape)
+    count, footprint = lighting.fidelity.pixels, lighting.fidelity.footprint
     with one_thread_per_operation():
         (observed,) = choose_pixels(
             loaded.photographs, trace, scene, count=count, footprint=footprint, seed=options.seed
         )
         assert observed is not None
-        problem = Problem(observed, setting, SOLVERS[options.solver], lambda stage, share: None)
+        problem = Problem(observed, lighting, SOLVERS[options.solver], lambda stage, share: None)
         for fit in rounds(problem, "metal"):
             found = fit.material
             assert isinstance(found, Metal)

@@ -11,7 +11,7 @@ import numpy as np
 import torch
 from jaxtyping import Float
 
-from fit_material.fitter.forward.lighting import Setting
+from fit_material.fitter.forward.lighting import Lighting
 from fit_material.fitter.options.fidelity import preset
 from fit_material.renderer.cameras.camera import Camera, look_at
 from fit_material.renderer.compute.threads import cores, one_thread_per_operation
@@ -244,5 +244,5 @@ def ratios(own: Sequence[Taken], rivals: Sequence[Taken], key: str) -> list[floa
 
 def agreement(case: Case, variant: str) -> float:
     """Mean radiance of our picture over that of Mitsuba's: 1, up to noise, where both integrate the same."""
-    own = Setting(case.environment, (), preset("standard")).radiance(case.material, case.surface, 2 * case.pairs)
+    own = Lighting(case.environment, (), preset("standard")).radiance(case.material, case.surface, 2 * case.pairs)
     return float(own.mean() / mitsuba_picture(case, variant)(0)[..., :3].mean(dtype=float))

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import torch
 
-from fit_material.fitter.forward.lighting import Setting
+from fit_material.fitter.forward.lighting import Lighting
 from fit_material.renderer.mitsuba.conversion import variant_here
 from fit_material.renderer.synthesis.studio import studio
 from tests.bench import throughput
@@ -17,7 +17,7 @@ def test_both_sides_integrate_the_same_light():
     """Means over pictures of eight seeds each: a z-test, which wrong pixels, lobe or light fail by hundreds."""
     case, seeds = Case(6, 512, studio(64)), range(8)
     theirs = throughput.mitsuba_picture(case, variant_here())
-    settings = [Setting(case.environment, (), throughput.preset("standard"), seed) for seed in seeds]
+    settings = [Lighting(case.environment, (), throughput.preset("standard"), seed) for seed in seeds]
     surface = case.surface
     own = [float(each.radiance(case.material, surface, 2 * case.pairs).mean()) for each in settings]
     other = [float(theirs(seed)[..., :3].mean(dtype=float)) for seed in seeds]

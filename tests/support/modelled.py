@@ -11,7 +11,7 @@ import torch
 import trimesh
 from jaxtyping import Float
 
-from fit_material.fitter.forward.lighting import Setting
+from fit_material.fitter.forward.lighting import Lighting
 from fit_material.fitter.options.fidelity import PRESETS
 from fit_material.renderer.cameras.camera import Camera, look_at
 from fit_material.renderer.environment.environment import Environment
@@ -89,11 +89,11 @@ def _photograph(scene: Modelled, shape: Shape, azimuth: float) -> tuple[Float[np
     origin = [DISTANCE * float(np.sin(angle)), 0.5, DISTANCE * float(np.cos(angle))]
     pose = look_at(torch.tensor(origin), torch.zeros(3), torch.tensor([0.0, 1.0, 0.0]))
     light = torch.from_numpy(scene.light) * scene.brightness
-    setting = Setting(Environment(light, scene.rotation), (), PRESETS["preview"], seed=7)
+    lighting = Lighting(Environment(light, scene.rotation), (), PRESETS["preview"], seed=7)
 
     def shade(surface: GBuffer) -> Float[torch.Tensor, "p 3"]:
         names = shape.material_names if isinstance(shape, Mesh) else scene.materials
-        shown = [setting.radiance(scene.materials[name], surface, SAMPLES) for name in names]
+        shown = [lighting.radiance(scene.materials[name], surface, SAMPLES) for name in names]
         return torch.stack(shown, 1)[torch.arange(len(surface.hit)), surface.material[:, 0]]
 
     everywhere = torch.ones(scene.size, scene.size, dtype=torch.bool)

@@ -20,7 +20,7 @@ from fit_material.renderer.errors.input_error import InputError
 if TYPE_CHECKING:
     from distributed import Client, Future
 
-PATIENCE = 10  # seconds until a scheduler has to answer
+CONNECT_TIMEOUT = 10  # seconds until a scheduler has to answer
 
 _ONE_AT_A_TIME = threading.Lock()  # torch, JAX and Dr.Jit keep settings for a whole process, and Dask's has threads
 
@@ -44,7 +44,9 @@ def _client_of(scheduler: Scheduler) -> Iterator[Client]:
 
     logging.getLogger("distributed").setLevel(logging.CRITICAL)  # what matters here is in the scenes' outcomes
     try:
-        client = Client(scheduler.address, timeout=PATIENCE, set_as_default=False, **_security(scheduler.certificates))
+        client = Client(
+            scheduler.address, timeout=CONNECT_TIMEOUT, set_as_default=False, **_security(scheduler.certificates)
+        )
     except (OSError, ValueError, TypeError, RuntimeError) as error:  # TimeoutError is an OSError
         expected = f"the address of a Dask scheduler that runs, {EXAMPLE} ({_reason(error)})"
         raise InputError("--scheduler", value=scheduler.address, expected=expected) from None

@@ -13,7 +13,7 @@ from fit_material.fitter.batch.workers.worker import Ended, Task
 from fit_material.renderer.compute.memory import memory_limit
 from fit_material.renderer.compute.threads import cores
 
-DEATHS = 2  # of processes by one scene, after which it is not tried again; and of processes that only start
+MAX_RESTARTS = 2  # of processes by one scene, after which it is not tried again; and of processes that only start
 MEMORY = 2 * 2**30  # bytes for each process of this machine: a fit of the standard fidelity takes 1.2 to 1.6 GiB
 
 
@@ -69,7 +69,7 @@ class _Crew:
             Lost: no process can be started.
         """
         wanted = min(self._count, len(self._waiting) + self._fitting)
-        while len(self._processes) < wanted and len(self._failed_starts) <= DEATHS:
+        while len(self._processes) < wanted and len(self._failed_starts) <= MAX_RESTARTS:
             self._start()
         if not self._processes:
             raise Lost(f"the processes that fit cannot start: {self._failed_starts[-1]}")
@@ -109,7 +109,7 @@ class _Crew:
             return None
         statuses = self._deaths[task.name]
         statuses.append(status)
-        if len(statuses) > DEATHS:
+        if len(statuses) > MAX_RESTARTS:
             reason = f"the process that fitted it died each time, of {', then of '.join(dict.fromkeys(statuses))}"
             return Ended(task.name, "failed", f"{reason}; tried {len(statuses)} times", starts=len(statuses))
         self._waiting.append(task)

@@ -13,7 +13,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from fit_material.fitter.least_squares.covariance import spread
+from fit_material.fitter.least_squares.covariance import sandwich_covariance
 from fit_material.fitter.least_squares.reduced_residuals import condensed
 from fit_material.fitter.least_squares.residuals import Residuals
 from fit_material.fitter.least_squares.solvers import SOLVERS, Residual, Solution
@@ -149,7 +149,7 @@ def single_precision(numbers: Numbers) -> float:
     exact = small_scene.residuals_of(double, seen)
     rounded = small_scene.residuals_of(replace(double, light=double.light.to(numbers.dtype)), seen)
     fit = small_scene.fitted(exact)
-    errors = spread(exact, fit.x).covariance.diagonal().sqrt()
+    errors = sandwich_covariance(exact, fit.x).covariance.diagonal().sqrt()
     return float(((small_scene.fitted(rounded).x - fit.x) / errors).abs().max())
 
 
@@ -159,7 +159,7 @@ def moves(change: Callable[[Residuals], Residuals], back: Callable[[Tensor], Ten
     def moved(numbers: Numbers) -> float:
         residuals = residuals_in(numbers)
         plain, other = small_scene.fitted(residuals), small_scene.fitted(change(residuals))
-        errors = spread(residuals, plain.x).covariance.diagonal().sqrt()
+        errors = sandwich_covariance(residuals, plain.x).covariance.diagonal().sqrt()
         return float(((back(other.x) - plain.x) / errors).abs().max())
 
     return moved

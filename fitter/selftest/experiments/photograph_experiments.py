@@ -12,7 +12,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from fit_material.fitter.least_squares.covariance import spread
+from fit_material.fitter.least_squares.covariance import sandwich_covariance
 from fit_material.fitter.observations.photograph import Photograph, read_photograph
 from fit_material.fitter.observations.scene_data import repeated
 from fit_material.fitter.selftest.experiments import small_scene
@@ -135,7 +135,7 @@ def moved_by(change: Callable[[Tensor], Tensor], pixels: Tensor | None = None) -
         photograph = small_scene.photograph(light)
         plain = small_scene.fitted(small_scene.residuals_of(light, photograph))
         changed = small_scene.residuals_of(light, change(photograph), pixels)
-        errors = spread(plain.residuals, plain.x).covariance.diagonal().sqrt()
+        errors = sandwich_covariance(plain.residuals, plain.x).covariance.diagonal().sqrt()
         return float(((small_scene.fitted(changed).x - plain.x) / errors).abs().max())
 
     return moved

@@ -16,7 +16,7 @@ from fit_material.fitter.estimation.viewer_roughness import ViewerRoughness
 from fit_material.fitter.fitted.determinability import seen_by
 from fit_material.fitter.fitted.summary import describe, fitted_material, status_of
 from fit_material.fitter.forward.pixel_model import PixelModel, exact_pixels
-from fit_material.fitter.least_squares.covariance import spread
+from fit_material.fitter.least_squares.covariance import sandwich_covariance
 from fit_material.fitter.least_squares.noise import even_whitening, relative_weight
 from fit_material.fitter.least_squares.residuals import Residuals
 from fit_material.fitter.least_squares.solvers import levenberg_marquardt
@@ -132,6 +132,6 @@ def told(
     chosen = torch.arange(PIXELS) if pixels is None else pixels
     place = torch.zeros(len(chosen), 3, dtype=torch.long)
     observed = Observations(surface()[chosen], residuals.photograph, 0.0, False, len(chosen), place)
-    material = fitted_material("ball", fit, spread(residuals, fit.x), ViewerRoughness(0.8, 0.1), ())
+    material = fitted_material("ball", fit, sandwich_covariance(residuals, fit.x), ViewerRoughness(0.8, 0.1), ())
     choice = Choice(fit, {"metal": 0.0})
     return Told(fit, material, status_of([choice], [material]), describe(choice, material, seen_by(fit, observed)))

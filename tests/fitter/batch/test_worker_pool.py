@@ -17,7 +17,7 @@ import pytest
 
 from fit_material.fitter.batch.workers import pool, process
 from fit_material.fitter.batch.workers.interrupts import interrupts_held
-from fit_material.fitter.batch.workers.pool import DEATHS, Lost, local_fits
+from fit_material.fitter.batch.workers.pool import MAX_RESTARTS, Lost, local_fits
 from fit_material.fitter.batch.workers.record import key_of
 from fit_material.fitter.batch.workers.worker import Ended, Task, fit_one
 from fit_material.fitter.options.fit_options import FitOptions
@@ -56,8 +56,8 @@ def tasks(names: str) -> list[Task]:
 )
 def test_a_scene_whose_process_dies_has_the_signal_in_its_message(monkeypatch, last, cause):
     found = ended(monkeypatch, f"say('of its start'); {TASK}{last}")["a"]
-    reason = f"the process that fitted it died each time, of {cause}; tried {DEATHS + 1} times"
-    assert found == Ended("task-a", "failed", reason, starts=DEATHS + 1)
+    reason = f"the process that fitted it died each time, of {cause}; tried {MAX_RESTARTS + 1} times"
+    assert found == Ended("task-a", "failed", reason, starts=MAX_RESTARTS + 1)
 
 
 def test_different_deaths_are_all_in_the_message(monkeypatch, tmp_path):

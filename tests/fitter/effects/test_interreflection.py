@@ -12,7 +12,7 @@ import pytest
 import torch
 
 from fit_material.fitter.effects.interreflection import PolishedPixels, Tangent
-from fit_material.fitter.forward.lighting import Setting
+from fit_material.fitter.forward.lighting import Lighting
 from fit_material.fitter.forward.pixel_model import PixelModel
 from fit_material.fitter.options.fidelity import PRESETS, preset
 from fit_material.fitter.pipeline import describe_fit
@@ -133,8 +133,8 @@ def test_derivative_by_alpha_is_that_of_other_paths(scene, traced):
 def test_direct_light_and_what_is_beyond_it_are_all_light(scene, traced):
     """Beyond the light that nothing hides, by our table, lies what the bowl hides and mirrors of its own."""
     surface, _ = inside()
-    settings = [Setting(light(), (), preset("standard"), seed) for seed in range(SEEDS)]
-    direct = np.stack([setting.radiance(gold(), surface, 1024).numpy() for setting in settings])
+    settings = [Lighting(light(), (), preset("standard"), seed) for seed in range(SEEDS)]
+    direct = np.stack([lighting.radiance(gold(), surface, 1024).numpy() for lighting in settings])
     beyond = [scene.radiance(surface, gold(), samples=SPP, seed=400 + s, beyond_direct=True) for s in range(SEEDS)]
     assert_alike(stacked(traced, "value"), direct + stacked(beyond, "value"))
     assert np.abs(stacked(beyond, "value").mean(0)).max() > 0.1 * direct.mean()

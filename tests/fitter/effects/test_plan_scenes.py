@@ -13,7 +13,7 @@ from fit_material.fitter.effects.effect_measurement import Measurement, Sample, 
 from fit_material.fitter.effects.one_bounce import returned_light
 from fit_material.fitter.effects.plan import Change
 from fit_material.fitter.effects.planner import TOLERANCE, Planner
-from fit_material.fitter.forward.lighting import Setting, setting_of
+from fit_material.fitter.forward.lighting import Lighting, lighting_for
 from fit_material.fitter.observations.scene_data import kinds_of, load
 from fit_material.fitter.options.fidelity import PRESETS
 from fit_material.fitter.options.fit_options import FitOptions
@@ -41,7 +41,9 @@ def planner_of(tmp_path_factory):
     def made(name: str) -> Planner:
         scene = SCENES[name].write(tmp_path_factory.mktemp("scene"))
         loaded, options = load(scene), FitOptions(PRESETS[SCENES[name].fidelity])
-        return Planner(loaded, gbuffer.tracer(loaded.shape), setting_of(loaded, options, torch.device("cpu")), options)
+        return Planner(
+            loaded, gbuffer.tracer(loaded.shape), lighting_for(loaded, options, torch.device("cpu")), options
+        )
 
     return made
 
@@ -79,7 +81,7 @@ def test_what_was_bounded_on_a_sample_holds_for_other_pixels(name, planner_of):
     kinds = kinds_of(planner.loaded, planner.options)
     plan, materials = planner.plan(kinds), possible([kind for kind in kinds if kind is not None])
     other = Sample.of(planner.loaded.photographs, planner.trace, 4, AGAIN)
-    everything = replace(planner.setting, occluder=planner.occluder, effects=frozenset(EFFECTS))
+    everything = replace(planner.lighting, occluder=planner.occluder, effects=frozenset(EFFECTS))
     again = Measurement(other, everything, materials, TOLERANCE)
     decisions = [each for each in plan.decisions if each.most is not None]
     assert decisions
@@ -100,6 +102,6 @@ def test_the_light_said_to_come_from_the_bowl_itself_is_what_mitsubas_paths_brin
         for depth in (8, 2)
     )
     brought = (deep - direct)[whole, :3].astype(float).mean(0)
-    setting = Setting(golden.light(), (), PRESETS["standard"])
-    found = returned_light(gbuffer.tracer(golden.bowl()), middle(surface)[:, 0], setting, metal).mean(0).numpy()
+    lighting = Lighting(golden.light(), (), PRESETS["standard"])
+    found = returned_light(gbuffer.tracer(golden.bowl()), middle(surface)[:, 0], lighting, metal).mean(0).numpy()
     np.testing.assert_allclose(found, brought, rtol=0.35)

@@ -10,12 +10,12 @@ import pytest
 import torch
 
 from fit_material.fitter.estimation import coarse_to_fine
-from fit_material.fitter.estimation.coarse_to_fine import Problem, anew, fit_material
+from fit_material.fitter.estimation.coarse_to_fine import Problem, fit_material, refit_nearby
 from fit_material.fitter.estimation.model_selection import DECISIVE, fit_type
 from fit_material.fitter.estimation.roughness_survey import surveyed
 from fit_material.fitter.estimation.viewer_roughness import viewer_roughness
-from fit_material.fitter.forward.lighting import Setting
-from fit_material.fitter.least_squares.covariance import spread
+from fit_material.fitter.forward.lighting import Lighting
+from fit_material.fitter.least_squares.covariance import sandwich_covariance
 from fit_material.fitter.least_squares.reduced_residuals import solved
 from fit_material.fitter.least_squares.solvers import SOLVERS
 from fit_material.fitter.materials.metal import TINTS
@@ -66,11 +66,11 @@ def problem_of(truth: Material, surface: GBuffer, light: Environment, fidelity: 
     taken for that of the model's lobe."""
     if truth.width is not None:
         truth = truth.with_width((Blur if fidelity.blurs else Microfacet)(truth.width.value))
-    making = Setting(light, (), replace(fidelity, **made), seed=5)
+    making = Lighting(light, (), replace(fidelity, **made), seed=5)
     seen = making.radiance(truth, surface, making.fidelity.samples)
     place = torch.zeros(len(seen), 3, dtype=torch.long)
     observed = Observations(surface, seen, self_seeing=0.0, edged=False, available=len(seen), place=place)
-    return Problem(observed, Setting(light, (), fidelity), SOLVERS["lm"], quiet)
+    return Problem(observed, Lighting(light, (), fidelity), SOLVERS["lm"], quiet)
 
 
 @pytest.mark.parametrize("rho", [0.1, 0.4])
@@ -112,7 +112,7 @@ def test_microfacets_are_found_within_the_stated_errors(light, distribution, alp
     fail in one of seven numbers is 4e-6."""
     fidelity = replace(preset("preview", distribution), samples=256, search_samples=64)
     fit = fit_material(problem_of(gold(alpha), surface_of(24, 2), light, fidelity, samples=4096), "metal")
-    truth, errors = gold(alpha), spread(fit.residuals, fit.x).covariance.diagonal().sqrt()
+    truth, errors = gold(alpha), sandwich_covariance(fit.residuals, fit.x).covariance.diagonal().sqrt()
     assert fit.solution.status == "converged"
     assert (torch.logit(fit.material.f0) - torch.logit(truth.f0)).abs().lt(5 * errors[:3]).all()
     roughness = fit.residuals.coordinates.width
@@ -126,7 +126,7 @@ def test_a_rough_plastic_is_found_within_the_stated_errors(light, alpha):
     """As above, with colour and one reflectance."""
     truth = Glossy(float64((0.6, 0.2, 0.05)), float64((0.05, 0.05, 0.05)), Microfacet(float64(alpha)))
     fit = fit_material(problem_of(truth, surface_of(24, 2), light, preset("preview"), samples=4096), "glossy")
-    errors = spread(fit.residuals, fit.x).covariance.diagonal().sqrt()
+    errors = sandwich_covariance(fit.residuals, fit.x).covariance.diagonal().sqrt()
     assert fit.solution.status == "converged"
     assert (fit.x - fit.residuals.coordinates.free(truth)).abs().lt(5 * errors).all()
     torch.testing.assert_close(fit.material.color, truth.color, atol=0.03, rtol=0)  # or the errors would mean nothing
@@ -184,7 +184,7 @@ def test_a_type_that_is_given_is_kept_to(light):
 
 def test_the_nearest_metal_is_the_one_that_was_photographed(light):
     fit = fit_material(problem_of(gold(0.2), surface_of(24, 2), light, preset("preview"), samples=1024), "metal")
-    nearest = nearest_metals(fit.x, fit.residuals.coordinates, spread(fit.residuals, fit.x))
+    nearest = nearest_metals(fit.x, fit.residuals.coordinates, sandwich_covariance(fit.residuals, fit.x))
     assert nearest[0].name == "gold"
     assert [each.distance for each in nearest] == sorted(each.distance for each in nearest)
 
@@ -194,7 +194,7 @@ def test_the_nearest_metal_is_the_one_that_was_photographed(light):
 def test_a_roughness_that_leaves_the_last_table_is_sought_among_all(light, wrong):
     """From there, tables that reach a tenth further each time end before the true 0.3."""
     elsewhere, there = (problem_of(gold(alpha), surface_of(24, 2), light, preset("preview")) for alpha in (wrong, 0.3))
-    near = anew(there, fit_material(elsewhere, "metal"))
+    near = refit_nearby(there, fit_material(elsewhere, "metal"))
     assert abs(math.log(float(near.material.width.value) / 0.3)) > 0.1
     fit = surveyed(there, near)
     assert fit.solution.status == "converged"

@@ -18,7 +18,7 @@ import pytest
 import torch
 
 from fit_material.fitter.fitted.part import FittedPart
-from fit_material.fitter.forward.lighting import setting_of
+from fit_material.fitter.forward.lighting import lighting_for
 from fit_material.fitter.observations.scene_data import load
 from fit_material.fitter.options.fidelity import PRESETS
 from fit_material.fitter.options.fit_options import FitOptions
@@ -53,8 +53,8 @@ def scene(folder: Path, kind: str, alpha: float, contrast: float = 0.0, seed: in
 def fitted(path: Path, kind: str, fidelity: str = "preview", seed: int = 0) -> FittedPart:
     options = FitOptions(PRESETS[fidelity], type=kind, seed=seed, check=False)
     loaded = load(path)
-    setting = setting_of(loaded, options, torch.device("cpu"))
-    (part,) = fit_parts(loaded, loaded.tracer(), setting, options, lambda stage, share: None, path)
+    lighting = lighting_for(loaded, options, torch.device("cpu"))
+    (part,) = fit_parts(loaded, loaded.tracer(), lighting, options, lambda stage, share: None, path)
     return part
 
 

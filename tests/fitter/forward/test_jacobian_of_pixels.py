@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import torch
 
-from fit_material.fitter.forward.lighting import Setting
+from fit_material.fitter.forward.lighting import Lighting
 from fit_material.fitter.forward.pixel_model import PixelModel
 from fit_material.fitter.options.fidelity import preset
 from fit_material.renderer.cameras.camera import Camera
@@ -47,8 +47,8 @@ def covered() -> tuple[GBuffer, torch.Tensor]:
 
 
 def model_of(surface: GBuffer, samples: int) -> PixelModel:
-    setting = Setting(studio(64), (), preset("standard"))
-    return setting.pixels(surface, body=False).under(setting.table(surface, (0.16, 0.25, 5), samples))
+    lighting = Lighting(studio(64), (), preset("standard"))
+    return lighting.pixels(surface, body=False).under(lighting.table(surface, (0.16, 0.25, 5), samples))
 
 
 def radiance(model: PixelModel, numbers: torch.Tensor) -> torch.Tensor:

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import torch
 
-from fit_material.fitter.forward.lighting import Setting
+from fit_material.fitter.forward.lighting import Lighting
 from fit_material.fitter.forward.pixel_model import ExactPixels
 from fit_material.fitter.options.fidelity import preset
 from fit_material.renderer.cameras.camera import Camera, look_at
@@ -52,7 +52,7 @@ def surface() -> GBuffer:
 def model_of(material: Material, surface: GBuffer) -> ExactPixels:
     """In surroundings that are all but black."""
     dark = Environment(torch.full((8, 16, 3), 1e-12))
-    model = Setting(dark, (LIGHT,), preset("preview")).model(material, surface, samples=16)
+    model = Lighting(dark, (LIGHT,), preset("preview")).model(material, surface, samples=16)
     assert isinstance(model, ExactPixels)
     return model
 

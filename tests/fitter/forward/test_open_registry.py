@@ -20,7 +20,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from fit_material.fitter.forward.lighting import Setting
+from fit_material.fitter.forward.lighting import Lighting
 from fit_material.fitter.forward.pixel_model import DirectLight
 from fit_material.fitter.options.fidelity import PRESETS
 from fit_material.fitter.options.fit_options import FitOptions
@@ -133,8 +133,8 @@ def ours(
     shape: Shape, camera: Camera, material: Material, lights: tuple[Light, ...], hides: Occluder | None = None
 ) -> np.ndarray:
     """Radiance, [p, 3]."""
-    setting = Setting(dim(), lights, PRESETS["standard"], occluder=hides)
-    return setting.radiance(material, seen(shape, camera)[0], 64).numpy()
+    lighting = Lighting(dim(), lights, PRESETS["standard"], occluder=hides)
+    return lighting.radiance(material, seen(shape, camera)[0], 64).numpy()
 
 
 def of_mitsuba(shape: Shape, camera: Camera, bsdf: Bsdf, lights: tuple[Light, ...]) -> np.ndarray:

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from fit_material.fitter.forward.pixel_model import PixelModel
 from fit_material.fitter.forward.textured_pixels import SpottedPixels, TintedPixels
 from fit_material.fitter.observations.multi_view_points import _interpolated, _interpolated_width
-from fit_material.fitter.textures.texel_equations import Rows
+from fit_material.fitter.textures.texel_equations import TexelEquations
 from fit_material.fitter.textures.texel_solver import solve, texture_size
 from fit_material.renderer.geometry.mesh import read_mesh
 from fit_material.renderer.images.textures import Texture, lookup, texel_weights
@@ -99,7 +99,7 @@ def test_texel_weights_are_the_lookup():
     torch.testing.assert_close(mixed, lookup(Texture(texels), uv))
 
 
-def rows_of(texture: np.ndarray, pixels: int, noise: float, seed: int, across: float = 1.0) -> Rows:
+def rows_of(texture: np.ndarray, pixels: int, noise: float, seed: int, across: float = 1.0) -> TexelEquations:
     """Pixels strewn over the lower `across` of a texture, each the mean of nine rays within a texel."""
     generator = torch.Generator().manual_seed(seed)
 
@@ -113,7 +113,7 @@ def rows_of(texture: np.ndarray, pixels: int, noise: float, seed: int, across: f
     color = lookup(Texture(torch.from_numpy(texture)), uv).mean(1)
     normal = torch.randn(pixels, 3, generator=generator, dtype=torch.float64)
     seen = (surface + body * color) * (1 + noise * normal)
-    return Rows(uv.float(), torch.full((pixels,), 1 / size**2), seen, surface, body, 0 * body, 0 * body)
+    return TexelEquations(uv.float(), torch.full((pixels,), 1 / size**2), seen, surface, body, 0 * body, 0 * body)
 
 
 def test_texels_are_found_again_from_photographs_without_noise():

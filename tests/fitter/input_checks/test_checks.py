@@ -17,7 +17,7 @@ from fit_material.fitter.input_checks.finding import Finding
 from fit_material.fitter.input_checks.hypotheses import _decoded, _encoded
 from fit_material.fitter.input_checks.orientation import GIVEN, Orientation, orientations
 from fit_material.fitter.input_checks.pixel_values import pixel_findings
-from fit_material.fitter.input_checks.sampled_pixels import Looks
+from fit_material.fitter.input_checks.sampled_pixels import SampledPixels
 from fit_material.fitter.input_checks.sharpness import edge_width
 from fit_material.fitter.input_checks.silhouette import MeshTurn, Sighting, mesh_turn, silhouette_findings
 from fit_material.fitter.observations.photograph import Photograph
@@ -77,7 +77,7 @@ def test_pictures_of_an_orientation_are_those_in_a_map_that_was_really_changed(m
     surface = gbuffer.pixel_centres(gbuffer.tracer(Sphere()), camera()).reshape(-1)
     surface = surface[surface.front][::20][:, None]
     count = len(surface.hit)
-    looks = Looks(surface, torch.ones(3, count), torch.zeros(count, dtype=torch.long), torch.ones(count))
+    looks = SampledPixels(surface, torch.ones(3, count), torch.zeros(count, dtype=torch.long), torch.ones(count))
     turned = CoarseLight.of(STUDIO, ()).pictures(looks, [Orientation(turn=90, mirrored=True)])
     changed = Environment(STUDIO.radiance.flip(1).contiguous(), ROTATION + 90)
     really = CoarseLight.of(changed, ()).pictures(looks, [GIVEN])
@@ -92,7 +92,9 @@ def test_a_directional_light_adds_lamberts_cosine():
     spec = light_option((0.3, 0.8, 0.5, 3.0, 2.0, 1.0))
     surface = gbuffer.pixel_centres(gbuffer.tracer(Sphere()), camera()).reshape(-1)
     surface = surface[surface.front][::20][:, None]
-    looks = Looks(surface, torch.ones(3, len(surface.hit)), surface.material[:, 0], torch.ones(len(surface.hit)))
+    looks = SampledPixels(
+        surface, torch.ones(3, len(surface.hit)), surface.material[:, 0], torch.ones(len(surface.hit))
+    )
     lit, dark = (CoarseLight.of(STUDIO, lights).pictures(looks, [GIVEN]) for lights in ((directional_light(spec),), ()))
     towards = torch.nn.functional.normalize(vector(*spec.direction), dim=0)
     cosine = (surface.normal[:, 0] @ towards).clamp_min(0)

@@ -14,7 +14,7 @@ from PIL import Image as PillowImage
 from scipy.optimize import least_squares
 
 from fit_material.fitter.estimation.coarse_to_fine import _whitening
-from fit_material.fitter.forward.lighting import Setting
+from fit_material.fitter.forward.lighting import Lighting
 from fit_material.fitter.least_squares.noise import even_whitening, local_whitening, neighbours_of, relative_weight
 from fit_material.fitter.least_squares.reduced_residuals import solved
 from fit_material.fitter.least_squares.residuals import LIFTED, Residuals
@@ -133,10 +133,10 @@ NOISE = 0.01
 def residuals() -> Residuals:
     """Gold of alpha 0.25 with 1 % of noise; every third pixel is a bound, half of what it is but for 40 where bound and
     picture contradict the rest by a tenth."""
-    surface, setting = surface_of(24, 2), Setting(studio(128), (), PRESETS["preview"])
-    table = setting.table(surface, (*SPAN, 5), 256)
+    surface, lighting = surface_of(24, 2), Lighting(studio(128), (), PRESETS["preview"])
+    table = lighting.table(surface, (*SPAN, 5), 256)
     alike = replace(table, light=table.light.mean(0, keepdim=True).expand_as(table.light))  # no light counts for less
-    model = setting.pixels(surface, body=False).under(alike)
+    model = lighting.pixels(surface, body=False).under(alike)
     shown = model.radiance(gold(0.25))
     noise = torch.randn(shown.shape, generator=torch.Generator().manual_seed(1), dtype=torch.float64)
     seen = shown * (1 + NOISE * noise)

@@ -10,10 +10,10 @@ import pytest
 import torch
 
 from fit_material.fitter.least_squares.covariance import (
-    Spread,
+    Covariance,
     intervals95,
     is_determined,
-    spread,
+    sandwich_covariance,
     standard_errors,
     unbiased,
 )
@@ -79,7 +79,7 @@ def test_independent_noise_has_the_textbook_covariance():
     x = torch.linspace(-1, 1, 20_000, dtype=torch.float64)
     design = torch.stack([torch.ones_like(x), x], 1)
     y = 2 + 3 * x[:, None] + 0.1 * noise(20_000, 3)
-    found = spread(line(y, design), least_squares(y, design))
+    found = sandwich_covariance(line(y, design), least_squares(y, design))
     expected = 0.1**2 / 3 * torch.linalg.inv(design.T @ design)
     torch.testing.assert_close(found.covariance.diagonal(), expected.diagonal(), rtol=0.05, atol=0)
 
@@ -90,7 +90,7 @@ def test_pixels_that_err_together_count_as_one():
     design = torch.stack([torch.ones_like(x), x], 1)
     y = 2 + 3 * x[:, None] + 0.1 * noise(5_000, 3)
     again = torch.arange(5_000).repeat(4)
-    found = spread(line(y[again], design[again], clusters=again), least_squares(y, design))
+    found = sandwich_covariance(line(y[again], design[again], clusters=again), least_squares(y, design))
     expected = 0.1**2 / 3 * torch.linalg.inv(design.T @ design)
     torch.testing.assert_close(found.covariance.diagonal(), expected.diagonal(), rtol=0.1, atol=0)
 
@@ -100,7 +100,7 @@ def test_channels_that_share_their_noise_count_as_one():
     x = torch.linspace(-1, 1, 20_000, dtype=torch.float64)
     design = torch.stack([torch.ones_like(x), x], 1)
     y = (2 + 3 * x + 0.1 * noise(20_000))[:, None].expand(-1, 3)
-    found = spread(line(y, design), least_squares(y, design))
+    found = sandwich_covariance(line(y, design), least_squares(y, design))
     expected = 0.1**2 * torch.linalg.inv(design.T @ design)
     torch.testing.assert_close(found.covariance.diagonal(), expected.diagonal(), rtol=0.05, atol=0)
 
@@ -112,7 +112,7 @@ def test_two_thirds_of_the_truths_lie_within_one_standard_error():
     for _ in range(2000):
         y = 2 + 3 * X[:, None] + (0.11 + 0.09 * X)[:, None] * noise(200, 3)
         x = least_squares(y)
-        errors = standard_errors(lambda x: x, x, spread(line(y), x))
+        errors = standard_errors(lambda x: x, x, sandwich_covariance(line(y), x))
         inside += ((x - torch.tensor([2.0, 3.0])).abs() < errors).float()
     share = inside / 2000
     assert (share - math.erf(1 / math.sqrt(2))).abs().max() < 4 * 0.0104 + 0.01, share
@@ -121,7 +121,7 @@ def test_two_thirds_of_the_truths_lie_within_one_standard_error():
 def test_a_prior_is_what_is_left_where_nothing_is_seen():
     design = torch.stack([torch.ones_like(X), torch.zeros_like(X)], 1)
     y = 2 + 0.1 * noise(200, 3)
-    found = spread(line(y, design, width=1.5), torch.tensor([2.0, 0.0], dtype=torch.float64))
+    found = sandwich_covariance(line(y, design, width=1.5), torch.tensor([2.0, 0.0], dtype=torch.float64))
     assert found.covariance[1, 1].sqrt().item() == pytest.approx(1.5, rel=1e-9)
 
 
@@ -170,7 +170,7 @@ def test_what_needs_no_table_has_no_bias():
 def test_an_unseen_direction_has_a_huge_and_finite_error():
     design = torch.stack([torch.ones_like(X), torch.zeros_like(X)], 1)
     x = torch.tensor([2.0, 5.0], dtype=torch.float64)
-    found = spread(line(2 + 0.1 * noise(200, 3), design), x)
+    found = sandwich_covariance(line(2 + 0.1 * noise(200, 3), design), x)
     errors = standard_errors(lambda x: x, x, found)
     assert errors[0] < 0.02
     assert errors[1] > 1e5
@@ -189,7 +189,7 @@ def in_two_halves(pixels: int, of_noise: float, signal: float = 0.0) -> Any:
 def test_a_slope_that_is_noise_determines_nothing(of_noise):
     """However small or large it is; what it resembles by chance stays known: the constant, to 0.1/√(3·300)."""
     for _ in range(50):
-        found = spread(in_two_halves(300, of_noise), torch.tensor([2.0, 0.0], dtype=torch.float64))
+        found = sandwich_covariance(in_two_halves(300, of_noise), torch.tensor([2.0, 0.0], dtype=torch.float64))
         of_constant, of_noisy = found.covariance.diagonal().sqrt()
         assert of_noisy > 1e6 / of_noise / math.sqrt(3 * 300)
         assert of_constant.item() == pytest.approx(0.1 / math.sqrt(3 * 300), rel=0.3)  # a scatter of 300: 6 sigma
@@ -197,7 +197,7 @@ def test_a_slope_that_is_noise_determines_nothing(of_noise):
 
 def test_a_slope_that_stands_out_of_its_noise_is_known():
     """A slope s of 1 in as much noise e of each half: var = ⟨(s + ē)²⟩ σ²/⟨s²⟩² = 1.5 σ² of what it were without."""
-    found = spread(in_two_halves(30_000, 1.0, 1.0), torch.tensor([2.0, 0.0], dtype=torch.float64))
+    found = sandwich_covariance(in_two_halves(30_000, 1.0, 1.0), torch.tensor([2.0, 0.0], dtype=torch.float64))
     expected = math.sqrt(1.5) * 0.1 / math.sqrt(3 * 30_000)
     assert found.covariance[1, 1].sqrt().item() == pytest.approx(expected, rel=0.05)
 
@@ -208,7 +208,7 @@ def test_a_slope_within_the_tables_rounding_determines_nothing():
     seen = 2 + 0.1 * noise(200, 3)
     own = torch.stack([torch.zeros_like(X), torch.ones_like(X)], 1)  # of the second number's slope: all of it
     half = replace(line(seen, design), rounding=own)
-    found = spread(line(seen, design, halves=(half, half)), torch.tensor([2.0, 0.0], dtype=torch.float64))
+    found = sandwich_covariance(line(seen, design, halves=(half, half)), torch.tensor([2.0, 0.0], dtype=torch.float64))
     assert found.covariance[1, 1].sqrt() > 1e10
 
 
@@ -218,27 +218,27 @@ def test_no_unit_is_rounding_beside_another(unit):
     seen = 2 + 3 * X[:, None] + 0.1 * noise(200, 3)
     x = least_squares(seen)
     scale = torch.tensor([1.0, unit], dtype=torch.float64)
-    plain, scaled = spread(line(seen), x), spread(line(seen, DESIGN * scale), x / scale)
+    plain, scaled = sandwich_covariance(line(seen), x), sandwich_covariance(line(seen, DESIGN * scale), x / scale)
     errors, of_scaled = (each.covariance.diagonal().sqrt() for each in (plain, scaled))
     torch.testing.assert_close(of_scaled * scale, errors, rtol=1e-9, atol=0)
 
 
 def test_nothing_seen_at_all_is_finite():
-    found = spread(line(noise(200, 3), torch.zeros(200, 2).double()), torch.zeros(2).double())
+    found = sandwich_covariance(line(noise(200, 3), torch.zeros(200, 2).double()), torch.zeros(2).double())
     assert found.covariance.isfinite().all()
     assert (found.covariance.diagonal() > 1e12).all()
 
 
 def test_errors_of_a_function_follow_its_slope():
     """Of exp(2x) at x = 0.3 ± 0.01: 2 exp(0.6) · 0.01."""
-    found = Spread(torch.tensor([[1e-4]], dtype=torch.float64))
+    found = Covariance(torch.tensor([[1e-4]], dtype=torch.float64))
     error = standard_errors(lambda x: torch.exp(2 * x), torch.tensor([0.3], dtype=torch.float64), found)
     assert error.item() == pytest.approx(2 * math.exp(0.6) * 0.01, rel=1e-12)
 
 
 def test_intervals_of_a_straight_line_are_symmetric():
     """Of 3x₀ - x₁ with variances 0.01, 0.04: ± 1.96 √(9·0.01 + 0.04)."""
-    found = Spread(torch.diag(torch.tensor([0.01, 0.04], dtype=torch.float64)))
+    found = Covariance(torch.diag(torch.tensor([0.01, 0.04], dtype=torch.float64)))
     low, high = intervals95(lambda x: (3 * x[0] - x[1])[None], torch.tensor([1.0, 2.0], dtype=torch.float64), found)
     half = 1.959964 * math.sqrt(0.13)
     assert (low.item(), high.item()) == pytest.approx((1 - half, 1 + half), rel=1e-12)
@@ -246,7 +246,7 @@ def test_intervals_of_a_straight_line_are_symmetric():
 
 def test_intervals_follow_a_curved_quantity_and_stay_in_its_domain():
     """Of exp(x) at 0 ± 2: exp(±3.92), which value ± 1.96·2 would put below zero."""
-    found = Spread(torch.tensor([[4.0]], dtype=torch.float64))
+    found = Covariance(torch.tensor([[4.0]], dtype=torch.float64))
     low, high = intervals95(torch.exp, torch.zeros(1, dtype=torch.float64), found)
     assert (low.item(), high.item()) == pytest.approx((math.exp(-3.919928), math.exp(3.919928)), rel=1e-9)
 

@@ -9,13 +9,13 @@ import pytest
 import torch
 
 from fit_material.fitter.estimation.coarse_to_fine import Fit, fit_material
-from fit_material.fitter.fitted.nuisance_estimates import found_beside
-from fit_material.fitter.forward.lighting import Setting
+from fit_material.fitter.fitted.nuisance_estimates import nuisance_estimates
+from fit_material.fitter.forward.lighting import Lighting
 from fit_material.fitter.forward.pixel_model import PixelModel
 from fit_material.fitter.forward.rotated_environment import TURNS, TurnedPixels, joined, turned
-from fit_material.fitter.least_squares.covariance import Spread, spread
+from fit_material.fitter.least_squares.covariance import Covariance, sandwich_covariance
 from fit_material.fitter.least_squares.noise import even_whitening
-from fit_material.fitter.least_squares.nuisances import EXPOSURE_WIDTH, Gains, Nuisances, Unknown
+from fit_material.fitter.least_squares.nuisances import EXPOSURE_WIDTH, NuisanceFactors, Nuisances, Unknown
 from fit_material.fitter.least_squares.reduced_residuals import condensed
 from fit_material.fitter.least_squares.residuals import Residuals
 from fit_material.fitter.materials.coordinates import WidthInterval
@@ -78,15 +78,15 @@ def two_photographs(model, seen: torch.Tensor) -> Residuals:
     """Gold's pixels, the first third of them of one photograph, all others of another."""
     place = (torch.arange(len(seen)) > len(seen) // 3).long()
     unknowns = (*EACH, Unknown("white_balance", channel=2))
-    gains = Gains(Nuisances.before(unknowns, 2), place)
+    gains = NuisanceFactors(Nuisances.before(unknowns, 2), place)
     coordinates = MetalCoordinates(WidthInterval(0.15, 0.4, logarithmic=True))
     return Residuals(model, coordinates, seen, even_whitening(1 / seen, 0.01), gains)
 
 
 @pytest.fixture(scope="module")
 def residuals() -> Residuals:
-    surface, setting = surface_of(16, 2), Setting(studio(128), (), PRESETS["preview"])
-    model = setting.pixels(surface, body=False).under(setting.table(surface, (0.15, 0.4, 5), 64))
+    surface, lighting = surface_of(16, 2), Lighting(studio(128), (), PRESETS["preview"])
+    model = lighting.pixels(surface, body=False).under(lighting.table(surface, (0.15, 0.4, 5), 64))
     return two_photographs(model, model.radiance(gold(0.25)))
 
 
@@ -118,7 +118,7 @@ def test_their_jacobian_and_the_pixels_meet_finite_differences(residuals):
             torch.testing.assert_close(found[..., i], expected, atol=1e-6 * float(found.abs().max()), rtol=0)
 
 
-def exposed(kind: str, unknowns, factors, known: float | None) -> tuple[Fit, Spread]:
+def exposed(kind: str, unknowns, factors, known: float | None) -> tuple[Fit, Covariance]:
     """A fit to pictures by its own model times factors; `known` is the error to which the surroundings tell these."""
     fidelity = replace(preset("preview"), samples=256, search_samples=64)
     problem = problem_of(TRUTHS[kind], surface_of(18, 2), studio(128), fidelity, samples=2048)
@@ -132,7 +132,7 @@ def exposed(kind: str, unknowns, factors, known: float | None) -> tuple[Fit, Spr
         nuisances = nuisances.learning(float64(factors).log(), torch.full((len(factors), 3), known).double())
     observed = replace(problem.observed, radiance=seen, place=place)
     fit = fit_material(replace(problem, observed=observed, nuisances=nuisances), kind)
-    return fit, spread(fit.residuals, fit.x)
+    return fit, sandwich_covariance(fit.residuals, fit.x)
 
 
 @pytest.mark.parametrize("kind", ["metal", pytest.param("glossy", marks=pytest.mark.slow)])
@@ -142,7 +142,7 @@ def test_exposures_that_went_in_come_out(kind):
     factors = [[0.03] * 3, [0.01] * 3]
     fit, error = exposed(kind, EACH, factors, known=0.005)
     assert fit.solution.status == "converged"
-    found = found_beside([(fit, error)], ["a", "b"])
+    found = nuisance_estimates([(fit, error)], ["a", "b"])
     assert found is not None
     for record, factor in zip(found.records, (0.03, 0.01), strict=True):
         assert abs(record.value - factor) < 5 * record.stderr
@@ -169,7 +169,7 @@ def test_a_matte_objects_colour_is_not_known_without_its_exposure():
         assert number.interval is not None
         assert number.interval[0] < true < number.interval[1]
         assert number.interval[1] > 1.5 * number.interval[0]
-    found = found_beside([(fit, error)], ["a"])
+    found = nuisance_estimates([(fit, error)], ["a"])
     assert found is not None
     assert not found.records[0].determined
     assert found.records[0].interval95[0] < 0.2 < found.records[0].interval95[1]
@@ -195,10 +195,10 @@ def test_an_environment_that_is_turned_is_found_where_it_is(kind):
     noise = torch.randn(problem.observed.radiance.shape, generator=torch.Generator().manual_seed(5)).double()
     observed = replace(problem.observed, radiance=problem.observed.radiance * (1 + 0.005 * noise))
     nuisances = Nuisances.before((Unknown("rotation", start=10.0),), 1)
-    setting = Setting(light, (), fidelity)
-    fit = fit_material(replace(problem, observed=observed, setting=setting, nuisances=nuisances), kind)
-    error = spread(fit.residuals, fit.x)
-    found = found_beside([(fit, error)], ["a"])
+    lighting = Lighting(light, (), fidelity)
+    fit = fit_material(replace(problem, observed=observed, lighting=lighting, nuisances=nuisances), kind)
+    error = sandwich_covariance(fit.residuals, fit.x)
+    found = nuisance_estimates([(fit, error)], ["a"])
     assert found is not None
     assert fit.solution.status == "converged"
     assert abs(found.records[0].value - 14.0) < 5 * found.records[0].stderr
@@ -218,11 +218,11 @@ def test_between_its_turns_the_environments_picture_is_the_one_that_turned():
     fidelity, levels = PRESETS["preview"], (0.15, 0.4, 3)
 
     def model(degrees: float) -> PixelModel:
-        setting = Setting(replace(light, rotation=degrees), (), fidelity)
-        return setting.pixels(surface, body=False)
+        lighting = Lighting(replace(light, rotation=degrees), (), fidelity)
+        return lighting.pixels(surface, body=False)
 
     def table(degrees: float) -> LightTable:
-        return Setting(replace(light, rotation=degrees), (), fidelity).table(surface, levels, 8192)
+        return Lighting(replace(light, rotation=degrees), (), fidelity).table(surface, levels, 8192)
 
     between = turned([model(each) for each in TURNS]).under(joined([table(each) for each in TURNS]))
     assert isinstance(between, TurnedPixels)
@@ -240,7 +240,7 @@ def test_white_balance_that_went_in_comes_out():
     """Of both photographs alike; the numbers are of red and blue against green, within five standard errors."""
     factors = [[1.4, 1.0, 0.7]] * 2
     fit, error = exposed("metal", ALL[1:], factors, known=0.005)
-    found = found_beside([(fit, error)], ["a", "b"])
+    found = nuisance_estimates([(fit, error)], ["a", "b"])
     assert found is not None
     assert [record.channel for record in found.records] == ["red", "blue"]
     for record, factor in zip(found.records, (1.4, 0.7), strict=True):

@@ -9,7 +9,7 @@ import pytest
 import torch
 
 from fit_material.fitter.effects.interreflection import PolishedPixels, Tangent
-from fit_material.fitter.forward.lighting import Setting
+from fit_material.fitter.forward.lighting import Lighting
 from fit_material.fitter.least_squares.noise import even_whitening
 from fit_material.fitter.least_squares.reduced_residuals import condensed, solved
 from fit_material.fitter.least_squares.residuals import ROBUST_AT, Residuals
@@ -29,8 +29,8 @@ SPAN = (0.15, 0.4)
 def residuals(request) -> Residuals:
     """Gold of alpha 0.25 on 1200 pixels with 1 % of noise, one of them wrong by a factor; by the light table alone, or
     with a tenth as much that paths add, of any slopes."""
-    surface, setting = surface_of(24, 2), Setting(studio(128), (), PRESETS["preview"])
-    model = setting.pixels(surface, body=False).under(setting.table(surface, (*SPAN, 5), 256))
+    surface, lighting = surface_of(24, 2), Lighting(studio(128), (), PRESETS["preview"])
+    model = lighting.pixels(surface, body=False).under(lighting.table(surface, (*SPAN, 5), 256))
     if request.param == "polished":
         direct, generator = model.radiance(gold(0.25)), torch.Generator().manual_seed(4)
         drawn = 0.1 * torch.rand(4, *direct.shape, generator=generator, dtype=torch.float64) * direct
@@ -101,7 +101,7 @@ def test_every_start_leads_to_the_same_metal(residuals):
     short = condensed(residuals, best.x)
     information = short.jacobian(best.x).T @ short.jacobian(best.x)
     for start in anywhere(24):
-        found = solved(residuals, [start, *residuals.coordinates.elsewhere(start)], SOLVERS["lm"])
+        found = solved(residuals, [start, *residuals.coordinates.alternative_starts(start)], SOLVERS["lm"])
         way = found.x - best.x
         assert found.status == "converged"
         assert math.sqrt(float(way @ information @ way)) < 0.01, start
@@ -120,14 +120,14 @@ def test_the_deepest_of_several_minima_counts(residuals):
             return Solution(start, 0.5 * float(residual(start).square().sum()), "converged", 0, 0.0)
         return SOLVERS["lm"](residual, start, tolerance)
 
-    starts = [wrong, *residuals.coordinates.elsewhere(wrong)]
+    starts = [wrong, *residuals.coordinates.alternative_starts(wrong)]
     found, best = solved(residuals, starts, lazy), solved(residuals, [truth], SOLVERS["lm"])
     torch.testing.assert_close(found.x, best.x, atol=1e-3, rtol=0)
 
 
 def test_other_starts_have_the_same_f0_and_roughness(residuals):
     truth = residuals.coordinates.free(gold(0.25))
-    others = [residuals.coordinates.material(x) for x in residuals.coordinates.elsewhere(truth)]
+    others = [residuals.coordinates.material(x) for x in residuals.coordinates.alternative_starts(truth)]
     assert len(others) >= 3
     for metal in others:
         torch.testing.assert_close(metal.f0, gold(0.25).f0)

@@ -7,7 +7,7 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from fit_material.fitter.least_squares.covariance import Spread
+from fit_material.fitter.least_squares.covariance import Covariance
 from fit_material.fitter.materials.coordinates import WidthInterval
 from fit_material.fitter.materials.metal import MetalCoordinates
 from fit_material.fitter.metal_prior.nearest_metals import nearest_metals
@@ -27,8 +27,8 @@ def free(name: str) -> torch.Tensor:
     return EXACT.free(Metal(n, k, Microfacet(alpha)))
 
 
-def spread_of(sigma: float, size: int = 7) -> Spread:
-    return Spread(sigma**2 * torch.eye(size, dtype=torch.float64))
+def spread_of(sigma: float, size: int = 7) -> Covariance:
+    return Covariance(sigma**2 * torch.eye(size, dtype=torch.float64))
 
 
 def distances(x, spread, coordinates=EXACT, metals=None) -> dict[str, float]:
@@ -79,7 +79,7 @@ def test_correlated_errors_do_not_hide_a_difference_against_their_direction():
     single errors both would be one σ away."""
     shared = torch.zeros(7, dtype=torch.float64)
     shared[:3] = 0.1
-    spread = Spread(torch.outer(shared, shared) + 1e-8 * torch.eye(7, dtype=torch.float64))
+    spread = Covariance(torch.outer(shared, shared) + 1e-8 * torch.eye(7, dtype=torch.float64))
     along, against = shared, shared * torch.tensor([1.0, -1, 0, 0, 0, 0, 0], dtype=torch.float64)
     assert distances(free("Cu") + along, spread)["copper"] < 0.6
     assert distances(free("Cu") + against, spread)["copper"] > 3
@@ -88,7 +88,7 @@ def test_correlated_errors_do_not_hide_a_difference_against_their_direction():
 @pytest.mark.parametrize("sigma", [0.0, 1e60])
 def test_degenerate_covariances_give_finite_distances(sigma):
     """Nothing known at all: every metal is within one σ of the greatest distance, √(12/6) at errors of all."""
-    found = distances(free("Au"), Spread(torch.diag(torch.tensor([sigma] * 7, dtype=torch.float64))))
+    found = distances(free("Au"), Covariance(torch.diag(torch.tensor([sigma] * 7, dtype=torch.float64))))
     assert all(torch.isfinite(torch.tensor(list(found.values()))))
     assert found["gold"] < 1e-6
 

@@ -15,7 +15,7 @@ from fit_material.fitter.estimation.model_selection import Choice
 from fit_material.fitter.estimation.viewer_roughness import ViewerRoughness
 from fit_material.fitter.fitted.determinability import seen_by
 from fit_material.fitter.fitted.summary import describe, fitted_material
-from fit_material.fitter.least_squares.covariance import Spread, spread
+from fit_material.fitter.least_squares.covariance import Covariance, sandwich_covariance
 from fit_material.fitter.materials.coordinates import WidthInterval
 from fit_material.fitter.materials.metal import TINT_WIDTH, MetalCoordinates
 from fit_material.fitter.metal_prior.borrowed import Borrowed, TooFar
@@ -47,7 +47,7 @@ def posterior(shape: torch.Tensor, sigma_f0: float, sigma_tint=None, metals=None
     coordinates, x = (VIEWERS, shape[:3]) if sigma_tint is None else (EXACT, shape)
     covariance = torch.diag(float64([sigma_f0] * 3 + tints + [0.01]) ** 2)
     x = torch.cat([x, torch.zeros(1, dtype=torch.float64)])
-    return catalogue_prior(InReflectance.around(x, coordinates, Spread(covariance)), metals, unknown_share)
+    return catalogue_prior(InReflectance.around(x, coordinates, Covariance(covariance)), metals, unknown_share)
 
 
 def test_without_word_on_the_tint_it_is_the_normal_distribution_given_f0():
@@ -200,7 +200,7 @@ def gold_of(roughness: float, f0_of: str = "Au") -> shading.Metal:
 def test_the_viewers_pair_has_the_fitted_f0_and_the_tint_of_the_metal_it_names(light, name):
     """Silver's F0 is beyond the search's start of 0.95, from which another metal would be nearest."""
     fit = fit_material(problem_of(gold_of(0.2, name), surface_of(16), light, PRESETS["viewer"]), "metal")
-    found = borrow(fit, spread(fit.residuals, fit.x), "none")
+    found = borrow(fit, sandwich_covariance(fit.residuals, fit.x), "none")
     assert isinstance(found, Borrowed)
     assert found.metals == ((metal(name).title, 1.0),)
     n, k = (float64([each.value for each in numbers]) for numbers in (found.n, found.k))
@@ -262,7 +262,7 @@ def test_the_likelihood_is_the_pictures_own(light, name, level):
     """But for κ against the sum of squares of all pixels, its roughness sought anew; the robust loss, which weighs anew
     what is beyond the threshold, one pixel in a hundred, moves a twentieth of it."""
     fit = noisy_fit(light, name, level)
-    found = likelihood(fit, spread(fit.residuals, fit.x))
+    found = likelihood(fit, sandwich_covariance(fit.residuals, fit.x))
     assert isinstance(found, InPictures)
     for x in shape_steps(fit):
         real = deviance(fit, with_best_roughness(fit, x))
@@ -272,7 +272,7 @@ def test_the_likelihood_is_the_pictures_own(light, name, level):
 
 def test_the_likelihoods_slope_is_its_derivative(light):
     fit = noisy_fit(light, "Au", 0.1)
-    found, shape = likelihood(fit, spread(fit.residuals, fit.x)), fit.x[:6] + 0.1
+    found, shape = likelihood(fit, sandwich_covariance(fit.residuals, fit.x)), fit.x[:6] + 0.1
     step = 1e-5 * torch.eye(6, dtype=torch.float64)
     differences = (found(shape + step) - found(shape - step)).T / 2e-5
     torch.testing.assert_close(found.slope(shape), differences, rtol=1e-6, atol=1e-6 * differences.abs().max().item())
@@ -288,7 +288,7 @@ def test_two_reflectances_stand_for_a_metal_of_which_much_is_seen(light):
     precision = jacobian.T @ jacobian / variance
     covariance = torch.eye(7, dtype=torch.float64)
     covariance[:6, :6] = torch.linalg.inv(precision)
-    assumed = InReflectance.around(fit.x, EXACT, Spread(covariance))
+    assumed = InReflectance.around(fit.x, EXACT, Covariance(covariance))
     for which, steps in ((3, (-3, -2, 2, 3)), (4, (-3, -2, 2, 3, 4))):
         for step in steps:
             there = fit.x.clone()
@@ -304,7 +304,7 @@ def test_a_fit_says_where_its_numbers_come_from(light):
     noise = torch.randn(seen.shape, generator=torch.Generator().manual_seed(2), dtype=torch.float64)
     problem = replace(problem, observed=replace(problem.observed, radiance=seen * (1 + 0.3 * noise)))
     fit = fit_material(problem, "metal")
-    uncertainty = spread(fit.residuals, fit.x)
+    uncertainty = sandwich_covariance(fit.residuals, fit.x)
     borrowed = borrow(fit, uncertainty, "catalogue")
     rho = ViewerRoughness(0.8, 0.01)
     bare = fitted_material("ball", fit, uncertainty, rho, ())

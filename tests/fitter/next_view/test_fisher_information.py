@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from fit_material.fitter.materials.registry import FITTABLE
-from fit_material.fitter.next_view.fisher_information import VAGUE, Told, covariance, foreseen_noise, told_by
+from fit_material.fitter.next_view.fisher_information import VAGUE, ViewInformation, covariance, foreseen_noise, told_by
 from fit_material.fitter.next_view.view_evaluation import WIDTH
 from fit_material.fitter.observations.view_sampling import ANGLE_BINS, View, sampled_views
 from fit_material.renderer.geometry.mesh import Sphere
@@ -64,10 +64,10 @@ def test_half_the_pixels_of_even_light_tell_half():
     assert half == pytest.approx(whole / 2, rel=1e-12)
 
 
-def random_told(seed: int, views: int, size: int) -> Told:
+def random_told(seed: int, views: int, size: int) -> ViewInformation:
     """Pixels of random gradients, of sizes that differ by orders of magnitude."""
     roots = normal(views, ANGLE_BINS, size, 3, seed=seed) * 10 ** normal(views, 1, size, 1, seed=seed + 1)
-    return Told(roots @ roots.mT, 300 * normal(views, ANGLE_BINS, seed=seed + 2).abs())
+    return ViewInformation(roots @ roots.mT, 300 * normal(views, ANGLE_BINS, seed=seed + 2).abs())
 
 
 @given(SEEDS, st.floats(1, 5000), st.floats(1, 10))

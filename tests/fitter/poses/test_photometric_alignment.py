@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import torch
 
-from fit_material.fitter.forward.lighting import Setting
+from fit_material.fitter.forward.lighting import Lighting
 from fit_material.fitter.observations.album import Album
 from fit_material.fitter.observations.photograph import Photograph
 from fit_material.fitter.options.fidelity import PRESETS
@@ -32,10 +32,10 @@ def album() -> Album:
     return Album.of([Photograph("view", empty, torch.ones(SIZE, SIZE) > 0, Camera(pose, SIZE, SIZE), 1.0, 0, 0)])
 
 
-def setting(turned: float = 0.0) -> Setting:
+def lighting(turned: float = 0.0) -> Lighting:
     """The light turned about +Y by radians."""
     light = Environment(torch.from_numpy(soft_light()), rotation=float(torch.rad2deg(torch.tensor(turned))))
-    return Setting(light, (), replace(PRESETS["preview"], footprint=4))
+    return Lighting(light, (), replace(PRESETS["preview"], footprint=4))
 
 
 def seen() -> tuple[Shown, Pose, gbuffer.Tracer]:
@@ -48,9 +48,9 @@ def seen() -> tuple[Shown, Pose, gbuffer.Tracer]:
 def assert_slopes_as_the_light_turns(material: Metal | Matte) -> None:
     shown, pose, trace = seen()
     surface = shown.seen(trace, [pose.camera], 4)
-    found = slopes(shown, surface, [pose], trace, setting(), material, lambda stage, share: None).mean(0)
+    found = slopes(shown, surface, [pose], trace, lighting(), material, lambda stage, share: None).mean(0)
     about = found @ pose.ways(ANGLE)[1]  # about +Y, which is up for this camera
-    ahead, behind = (setting(side * ANGLE).radiance(material, surface, 4096) for side in (-1, 1))
+    ahead, behind = (lighting(side * ANGLE).radiance(material, surface, 4096) for side in (-1, 1))
     expected = (ahead - behind) / 2
     # A metal's table of 1024 directions has a noise of some 2 %, the change is of the order of 5 %, by six differences.
     assert float((about - expected).norm() / expected.norm()) < 0.15
@@ -68,7 +68,7 @@ def test_pixels_that_leave_the_ball_are_told_by_the_other_side():
     """Where the outline passes a pixel, its slope is still finite, and of the size of its neighbours'."""
     shown, pose, trace = seen()
     surface = shown.seen(trace, [pose.camera], 4)
-    found = slopes(shown, surface, [pose], trace, setting(), CLAY, lambda stage, share: None)[0]
+    found = slopes(shown, surface, [pose], trace, lighting(), CLAY, lambda stage, share: None)[0]
     assert bool(found.isfinite().all())
     rim = surface.n_dot_v.mean(1) < 0.3
     assert 10 < int(rim.sum()) < len(rim) / 2

@@ -10,7 +10,7 @@ import torch
 from fit_material.fitter.estimation.coarse_to_fine import fit_material
 from fit_material.fitter.least_squares.residuals import ROBUST_AT
 from fit_material.fitter.options.fidelity import preset
-from fit_material.fitter.report.outlier_map import judged
+from fit_material.fitter.report.outlier_map import standardised_residuals
 from fit_material.renderer.synthesis.studio import studio
 from tests.fitter.estimation.test_coarse_to_fine import TRUTHS, problem_of, surface_of
 
@@ -32,7 +32,7 @@ def spotted():
 
 def test_the_spot_stands_out_and_counts_for_little(spotted):
     """50 % of light under 1 % of noise; at its rim neighbours outside tell the noise, inside all are as wrong."""
-    deviation, weight = judged(spotted[0])
+    deviation, weight = standardised_residuals(spotted[0])
     spot = spotted[1]
     assert (deviation[spot] < -ROBUST_AT).double().mean() > 0.95  # the fit is darker
     assert weight[spot].median() < 0.05
@@ -41,7 +41,7 @@ def test_the_spot_stands_out_and_counts_for_little(spotted):
 def test_the_rest_is_noise(spotted):
     """Beyond six standard deviations lies next to nothing of it, and pixels count as they usually do: half of them
     have less than the median noise, and those beside the spot, whose neighbours are in it, more."""
-    deviation, weight = judged(spotted[0])
+    deviation, weight = standardised_residuals(spotted[0])
     rest = ~spotted[1]
     assert (deviation[rest].abs() > ROBUST_AT).double().mean() < 0.02
     assert weight[rest].median() > 0.8

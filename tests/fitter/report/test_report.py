@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import torch
 
-from fit_material.fitter.least_squares.covariance import Spread
+from fit_material.fitter.least_squares.covariance import Covariance
 from fit_material.fitter.materials.coordinates import WidthInterval
 from fit_material.fitter.materials.metal import MetalCoordinates
 from fit_material.fitter.report.outlier_map import OutlierMap
@@ -184,7 +184,7 @@ def test_band_holds_what_the_covariance_allows(name, form):
     of_material = {"conductor": exact_reflectance, "lazanyi": viewer_reflectance}[form]
     x = COORDINATES.free(metal_of(name))
     covariance = some_covariance(len(x), scale=0.01)
-    curve = reflectance_curve(of_material, COORDINATES, x, Spread(covariance))
+    curve = reflectance_curve(of_material, COORDINATES, x, Covariance(covariance))
     count = 20000
     draws = torch.distributions.MultivariateNormal(x, covariance, validate_args=False)
     torch.manual_seed(0)
@@ -200,7 +200,7 @@ def test_band_holds_what_the_covariance_allows(name, form):
 
 def test_band_stays_a_reflectance_where_nothing_is_determined():
     x = COORDINATES.free(metal_of("Ag"))
-    curve = reflectance_curve(exact_reflectance, COORDINATES, x, Spread(some_covariance(len(x), 1e3)))
+    curve = reflectance_curve(exact_reflectance, COORDINATES, x, Covariance(some_covariance(len(x), 1e3)))
     assert (curve.low >= 0).all()
     assert (curve.high <= 1).all()
     assert (curve.low <= curve.value).all()
@@ -210,7 +210,7 @@ def test_band_stays_a_reflectance_where_nothing_is_determined():
 @pytest.mark.parametrize("name", ["Au", "Al", "Fe"])
 def test_curve_is_the_metals_own(name):
     x = COORDINATES.free(metal_of(name))
-    curve = reflectance_curve(exact_reflectance, COORDINATES, x, Spread(torch.zeros(len(x), len(x)).double()))
+    curve = reflectance_curve(exact_reflectance, COORDINATES, x, Covariance(torch.zeros(len(x), len(x)).double()))
     n, k = (np.array(getattr(metal(name), key)) for key in ("n", "k"))
     np.testing.assert_allclose(curve.value[0], ((n - 1) ** 2 + k**2) / ((n + 1) ** 2 + k**2), rtol=1e-9)
     np.testing.assert_allclose(curve.value[90], 1, atol=1e-9)

@@ -17,7 +17,7 @@ from hypothesis import strategies as st
 from fit_material.fitter.commands import app
 from fit_material.fitter.export.export import export
 from fit_material.fitter.fitted.color_texture import codes
-from fit_material.fitter.forward.lighting import setting_of
+from fit_material.fitter.forward.lighting import lighting_for
 from fit_material.fitter.observations.scene_data import load
 from fit_material.fitter.options.fidelity import PRESETS
 from fit_material.fitter.options.fit_options import FitOptions
@@ -244,7 +244,7 @@ def test_a_given_map_of_ambient_occlusion_dims_the_body_by_its_values(plastic_ba
     clay = Matte(torch.full((3,), 0.5).double(), torch.ones(3).double())
     device, options = torch.device("cpu"), FitOptions()
     open_, dimmed = (
-        setting_of(each, options, device).pixels(surface, body=True).radiance(clay) for each in (bare, mapped)
+        lighting_for(each, options, device).pixels(surface, body=True).radiance(clay) for each in (bare, mapped)
     )
     v = surface.uv[:, 0, 1]
     expected = 0.2 + 0.7 * ((1 - v) * 64 - 0.5).clamp(0, 63) / 63  # a ramp is its own bilinear interpolation

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 import torch
 
-from fit_material.fitter.forward.lighting import Setting
+from fit_material.fitter.forward.lighting import Lighting
 from fit_material.fitter.forward.surface_samples import Places
 from fit_material.fitter.options.fidelity import PRESETS
 from fit_material.fitter.options.fit_options import FitOptions
@@ -44,8 +44,8 @@ def inside(size: int = 48) -> GBuffer:
 
 
 def in_bowl(environment: Environment = EVEN, lamps: tuple[DirectionalLight, ...] = ()) -> Radiosity:
-    setting = Setting(environment, lamps, PRESETS["preview"], occluder=Occluder.of(golden.bowl()))
-    return radiosity(setting, inside(), gbuffer.tracer(golden.bowl()), returning=True)
+    lighting = Lighting(environment, lamps, PRESETS["preview"], occluder=Occluder.of(golden.bowl()))
+    return radiosity(lighting, inside(), gbuffer.tracer(golden.bowl()), returning=True)
 
 
 def even(value: float):

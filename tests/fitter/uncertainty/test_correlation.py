@@ -10,7 +10,7 @@ import torch
 from fit_material.fitter.estimation.coarse_to_fine import fit_material
 from fit_material.fitter.estimation.viewer_roughness import ViewerRoughness
 from fit_material.fitter.fitted.summary import fitted_material
-from fit_material.fitter.least_squares.covariance import spread
+from fit_material.fitter.least_squares.covariance import sandwich_covariance
 from fit_material.fitter.options.fidelity import PRESETS, preset
 from fit_material.fitter.uncertainty.correlation import correlation
 from fit_material.renderer.synthesis.studio import studio
@@ -31,7 +31,7 @@ def test_coefficients_are_those_of_drawn_materials(kind):
         else Glossy(float64((0.6, 0.2, 0.05)), float64((0.05,) * 3), Microfacet(float64(0.2)))
     )
     fit = fit_material(problem_of(truth, surface_of(24, 2), studio(128), preset("preview"), samples=1024), kind)
-    uncertainty, coordinates = spread(fit.residuals, fit.x), fit.residuals.coordinates
+    uncertainty, coordinates = sandwich_covariance(fit.residuals, fit.x), fit.residuals.coordinates
     found = fitted_material("ball", fit, uncertainty, ViewerRoughness(0.3, 0.01), ()).correlation
     root = torch.linalg.cholesky(uncertainty.covariance)
     normal = torch.randn(DRAWS, len(fit.x), generator=torch.Generator().manual_seed(1), dtype=torch.float64)
@@ -46,7 +46,7 @@ def test_coefficients_are_those_of_drawn_materials(kind):
 def test_numbers_without_errors_have_no_correlation():
     """The viewer's model sees F0 alone, so that n and k have no errors, and these are left out."""
     fit = fit_material(problem_of(gold(0.3, Blur), surface_of(24), studio(64), PRESETS["viewer"]), "metal")
-    uncertainty = spread(fit.residuals, fit.x)
+    uncertainty = sandwich_covariance(fit.residuals, fit.x)
     found = fitted_material("ball", fit, uncertainty, None, ()).correlation
     assert {name.split()[0] for name in found.numbers} == {"f0", "roughness"}
     nothing = {key: [] for key in ("n", "k", "f0", "roughness", "alpha")}

@@ -14,7 +14,7 @@ from scipy.stats import truncnorm
 
 from fit_material.fitter.estimation.coarse_to_fine import Fit
 from fit_material.fitter.fitted.part import FittedPart
-from fit_material.fitter.forward.lighting import setting_of
+from fit_material.fitter.forward.lighting import lighting_for
 from fit_material.fitter.least_squares.covariance import TWO_SIDED_95
 from fit_material.fitter.least_squares.jacobian import jacobian
 from fit_material.fitter.least_squares.residuals import Residuals
@@ -50,8 +50,8 @@ def options(fidelity: str) -> FitOptions:
 
 def part_of(scene: Path, fidelity: str) -> FittedPart:
     how, loaded = options(fidelity), load(scene)
-    setting = setting_of(loaded, how, torch.device("cpu"))
-    (part,) = fit_parts(loaded, loaded.tracer(), setting, how, lambda stage, share: None, scene)
+    lighting = lighting_for(loaded, how, torch.device("cpu"))
+    (part,) = fit_parts(loaded, loaded.tracer(), lighting, how, lambda stage, share: None, scene)
     return part
 
 

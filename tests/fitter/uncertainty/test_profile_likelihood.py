@@ -14,7 +14,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import least_squares
 
-from fit_material.fitter.least_squares.covariance import TWO_SIDED_95, Spread, intervals95
+from fit_material.fitter.least_squares.covariance import TWO_SIDED_95, Covariance, intervals95
 from fit_material.fitter.materials.coordinates import WidthInterval
 from fit_material.fitter.materials.metal import MetalCoordinates
 from fit_material.fitter.uncertainty.profile_likelihood import intervals, profiled
@@ -55,7 +55,7 @@ def assert_ends(found: tuple[torch.Tensor, torch.Tensor], low: torch.Tensor, hig
 
 def test_the_profile_of_a_straight_valley_is_the_ellipse():
     x, covariance = float64(0.3, -0.2), 1.7 * COVARIANCE
-    found = profiled(lambda y: PRECISION @ (y - x), x, Spread(covariance), lambda y: y)
+    found = profiled(lambda y: PRECISION @ (y - x), x, Covariance(covariance), lambda y: y)
     torch.testing.assert_close(found[0], x - half_widths(covariance), rtol=1e-12, atol=0)
     torch.testing.assert_close(found[1], x + half_widths(covariance), rtol=1e-12, atol=0)
 
@@ -66,7 +66,7 @@ def test_profiles_do_not_depend_on_the_coordinates(bend, scale):
     """What is θ ± 1.96 σ in coordinates in which the residuals are linear is so in all others; where the sandwich is
     four times the inverse information, ends are twice as far."""
     covariance = scale * COVARIANCE
-    found = profiled(banana(bend), torch.zeros(2).double(), Spread(covariance), lambda x: bent(x, bend))
+    found = profiled(banana(bend), torch.zeros(2).double(), Covariance(covariance), lambda x: bent(x, bend))
     assert_ends(found, -half_widths(covariance), half_widths(covariance))
 
 
@@ -75,21 +75,21 @@ def test_a_banana_is_followed_to_its_tips(bend):
     """x₁ = θ₁ - b θ₀² is extreme on the rim of the region, an ellipse in θ: looked for at 100 000 places of it, for
     both ends of either number. κ differs by none: the covariance is the inverse information."""
     x = torch.zeros(2).double()
-    found = profiled(banana(bend), x, Spread(COVARIANCE), lambda x: x)
+    found = profiled(banana(bend), x, Covariance(COVARIANCE), lambda x: x)
     angle = torch.linspace(0, 2 * math.pi, 100_000, dtype=torch.float64)
     rim = TWO_SIDED_95 * torch.linalg.cholesky(COVARIANCE) @ torch.stack([angle.cos(), angle.sin()])
     numbers = torch.stack([rim[0], rim[1] - bend * rim[0] ** 2])
     assert_ends(found, numbers.amin(1), numbers.amax(1))
     if abs(bend) > 1:  # there the ellipse lies, or this would show nothing
         with pytest.raises(AssertionError):
-            assert_ends(intervals95(lambda x: x, x, Spread(COVARIANCE)), numbers.amin(1), numbers.amax(1))
+            assert_ends(intervals95(lambda x: x, x, Covariance(COVARIANCE)), numbers.amin(1), numbers.amax(1))
 
 
 @pytest.mark.parametrize("value", [0.0, 0.05, -0.4])
 def test_a_quantity_is_followed_over_its_peak(value):
     """q = -x², σ = 1: by its slope at x it would hardly move. From -(|x| + 1.96)² to 0."""
     x = float64(value)
-    found = profiled(lambda y: y - x, x, Spread(torch.eye(1).double()), lambda y: -(y**2))
+    found = profiled(lambda y: y - x, x, Covariance(torch.eye(1).double()), lambda y: -(y**2))
     assert_ends(found, -((x.abs() + TWO_SIDED_95) ** 2), float64(0.0))
 
 
@@ -101,21 +101,21 @@ def test_a_vector_that_is_not_the_minimum_is_the_centre():
     def residual(y: torch.Tensor) -> torch.Tensor:
         return PRECISION @ (bent(y - x, bend) - minimum)
 
-    found = profiled(residual, x, Spread(COVARIANCE), lambda y: bent(y - x, bend))
+    found = profiled(residual, x, Covariance(COVARIANCE), lambda y: bent(y - x, bend))
     assert_ends(found, -half_widths(), half_widths())
 
 
 def test_a_domain_ends_where_the_deviance_is_never_reached():
     """R = ½ tanh x has at most D < 0.4, less than κ χ² = 0.9: q = sigmoid x fills its domain but for 2 % at either end,
     where the ellipse would leave 10 %."""
-    found = profiled(lambda x: 0.5 * x.tanh(), float64(0.2), Spread(torch.eye(1).double()), torch.sigmoid)
+    found = profiled(lambda x: 0.5 * x.tanh(), float64(0.2), Covariance(torch.eye(1).double()), torch.sigmoid)
     assert found[0].item() < 0.02
     assert found[1].item() > 0.98
 
 
 def test_nothing_known_keeps_the_ellipse():
     """No residual moves: its variance is none's multiple, and the ends are the ellipse's, finite."""
-    x, unknown = float64(0.2, 0.1), Spread(1e14 * torch.eye(2).double())
+    x, unknown = float64(0.2, 0.1), Covariance(1e14 * torch.eye(2).double())
     found = profiled(lambda y: 0.0 * y, x, unknown, torch.sigmoid)
     torch.testing.assert_close(found, intervals95(torch.sigmoid, x, unknown))
     assert torch.stack(found).isfinite().all()
@@ -123,7 +123,7 @@ def test_nothing_known_keeps_the_ellipse():
 
 def test_what_is_not_finite_beyond_a_wall_is_not_entered():
     """R = log(1 + x) ends at x = -1; D = 3.84 at x = exp(±1.96) - 1, which is inside."""
-    found = profiled(lambda x: torch.log(1 + x), float64(0.0), Spread(torch.eye(1).double()), lambda x: x)
+    found = profiled(lambda x: torch.log(1 + x), float64(0.0), Covariance(torch.eye(1).double()), lambda x: x)
     assert_ends(found, float64(math.expm1(-TWO_SIDED_95)), float64(math.expm1(TWO_SIDED_95)))
 
 
@@ -143,7 +143,7 @@ def test_a_metal_seen_from_nearby_angles_has_the_ends_of_a_grid(n, k):
         return torch.cat([100 * (curve - seen).flatten(), y[3:] - x[3:]])
 
     slope = torch.func.jacrev(residual)(x)
-    spread = Spread(torch.linalg.inv(slope.T @ slope))
+    spread = Covariance(torch.linalg.inv(slope.T @ slope))
     f0 = torch.logit(metal.f0[0] + torch.linspace(-0.03, 0.03, 301).double().clamp_max(0.999 - metal.f0[0]))
     grid = torch.cartesian_prod(f0, x[3] + torch.linspace(-2, 2, 601).double())
     places = x.repeat(len(grid), 1)
@@ -162,8 +162,8 @@ def test_what_cannot_be_condensed_keeps_the_ellipse():
         condensate: None = None
 
     fit: Any = Fit(float64(0.3, -0.2))
-    found = intervals(fit, Spread(COVARIANCE), torch.exp)
-    torch.testing.assert_close(found, intervals95(torch.exp, fit.x, Spread(COVARIANCE)), rtol=0, atol=0)
+    found = intervals(fit, Covariance(COVARIANCE), torch.exp)
+    torch.testing.assert_close(found, intervals95(torch.exp, fit.x, Covariance(COVARIANCE)), rtol=0, atol=0)
 
 
 NUMBERS = st.floats(-3, 3)
@@ -181,7 +181,7 @@ def test_ends_are_finite_and_in_order_and_hold_the_value(rows, x, bend, scale):
     def quantity(y: torch.Tensor) -> torch.Tensor:
         return torch.cat([torch.sigmoid(y), torch.tanh(y[:1] * y[1:])])
 
-    low, high = profiled(lambda y: design @ bent(y - x, bend), x, Spread(ways * variance @ ways.T), quantity)
+    low, high = profiled(lambda y: design @ bent(y - x, bend), x, Covariance(ways * variance @ ways.T), quantity)
     assert torch.cat([low, high]).isfinite().all()
     assert (low <= quantity(x)).all()
     assert (quantity(x) <= high).all()
@@ -216,7 +216,7 @@ def test_95_of_100_intervals_hold_the_truth():
 
         best = least_squares(lambda x: residual(torch.from_numpy(x)).numpy(), TRUTH.numpy(), jac=growth_slope).x  # type: ignore[arg-type]
         information = torch.from_numpy(growth_slope(best).T @ growth_slope(best))
-        spread = Spread((NOISE / BELIEVED) ** 2 * torch.linalg.inv(information))
+        spread = Covariance((NOISE / BELIEVED) ** 2 * torch.linalg.inv(information))
         low, high = profiled(residual, torch.from_numpy(best), spread, torch.exp)
         misses += torch.stack([TRUTH.exp() < low, TRUTH.exp() > high]).float() / 400
     assert (misses.sum(0) - 0.05).abs().max() < 3 * 0.011, misses

@@ -54,7 +54,7 @@ def of_effort(problem: Problem, fidelity: Fidelity) -> Problem:
     chosen = order[: fidelity.pixels]
     surface, radiance = problem.observed.surface[chosen], problem.observed.radiance[chosen]
     observed = replace(problem.observed, surface=surface, radiance=radiance, available=len(order))
-    return Problem(observed, replace(problem.setting, fidelity=fidelity), problem.solver, problem.progress)
+    return Problem(observed, replace(problem.lighting, fidelity=fidelity), problem.solver, problem.progress)
 
 
 outlooks = st.builds(
@@ -148,7 +148,7 @@ def test_the_integrations_share_is_what_other_samples_make_of_the_pixels(light, 
     few, truth = replace(FEW, samples=64), gold(0.2)
     problem = noisy(truth, light, noise, few)
     fit = fit_material(problem, "metal")
-    seeds = [replace(problem.setting, seed=seed).radiance(truth, problem.observed.surface, 64) for seed in (1, 2, 3)]
+    seeds = [replace(problem.lighting, seed=seed).radiance(truth, problem.observed.surface, 64) for seed in (1, 2, 3)]
     integration = torch.stack(seeds).div(problem.observed.radiance).var(0).median(0).values.mean()
     expected = float(integration / (integration + noise**2))
     assert expected / 3 < integration_share(fit.residuals, fit.x) < min(1.0, 3 * expected) + 1e-9

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import torch
 
-from fit_material.fitter.forward.lighting import MOST_DIFFUSE, Setting
+from fit_material.fitter.forward.lighting import MOST_DIFFUSE, Lighting
 from fit_material.fitter.options.fidelity import preset
 from fit_material.renderer.compute import chebyshev
 from fit_material.renderer.environment import latlong
@@ -151,7 +151,7 @@ def test_the_light_of_many_pixels_is_that_of_each():
     surface = ball(8, 1)[3][:1, 0]
     many = surface[torch.zeros(MOST_DIFFUSE + 1, dtype=torch.long)]
     many = replace(many, normal=few[torch.arange(len(many.hit)) % len(few)])[:, None]
-    pixels = Setting(environment, (), preset("standard")).pixels(many, body=True)
+    pixels = Lighting(environment, (), preset("standard")).pixels(many, body=True)
     found = pixels.radiance(Matte(float64([1.0] * 3), float64([1.0] * 3)))[: len(few)]
     expected = by_texel(environment, few, 1)[:, 0]
     lit = expected > 0.1 * expected.max()

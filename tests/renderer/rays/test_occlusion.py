@@ -10,7 +10,7 @@ import pytest
 import torch
 
 from fit_material.fitter.effects.plan_rules import RULES
-from fit_material.fitter.forward.lighting import Setting
+from fit_material.fitter.forward.lighting import Lighting
 from fit_material.fitter.options.fidelity import PRESETS
 from fit_material.renderer.errors.input_error import InputError
 from fit_material.renderer.geometry.mesh import Sphere
@@ -74,8 +74,8 @@ def of_mitsuba(bsdf: Bsdf, lights: tuple[DirectionalLight, ...] = ()) -> np.ndar
 def ours(material: Material, lights: tuple[DirectionalLight, ...] = ()) -> np.ndarray:
     """Independent pictures [seed, p, 3] by tables."""
     surface, _ = inside()
-    setting = Setting(golden.light(), lights, PRESETS["standard"], occluder=occluder(golden.bowl()))
-    return np.stack([replace(setting, seed=seed).radiance(material, surface, 512).numpy() for seed in range(4)])
+    lighting = Lighting(golden.light(), lights, PRESETS["standard"], occluder=occluder(golden.bowl()))
+    return np.stack([replace(lighting, seed=seed).radiance(material, surface, 512).numpy() for seed in range(4)])
 
 
 def assert_alike(found: np.ndarray, expected: np.ndarray, model: float) -> None:
@@ -102,7 +102,7 @@ def test_a_table_with_rays_has_the_direct_light_of_mitsuba(alpha):
     expected = of_mitsuba(conductor(golden.N, golden.K, alpha))
     assert_alike(ours(metal), expected, 0.005)
     surface, _ = inside()
-    open_to_all = Setting(golden.light(), (), PRESETS["standard"]).radiance(metal, surface, 512).numpy()
+    open_to_all = Lighting(golden.light(), (), PRESETS["standard"]).radiance(metal, surface, 512).numpy()
     assert open_to_all.mean() > 1.2 * expected.mean()
 
 
@@ -110,8 +110,8 @@ def test_a_table_with_rays_has_the_direct_light_of_mitsuba(alpha):
 def test_a_light_table_differs_by_the_effects_that_are_said_to_change_it(effect):
     """Plans make one table for all others."""
     metal, surface = Metal(tensor(golden.N), tensor(golden.K), Microfacet(tensor(0.3))), inside()[0][:16]
-    setting = Setting(golden.light(), (LAMP,), PRESETS["standard"], occluder=occluder(golden.bowl()))
-    found, without = (setting.simulating(effects).table_of(metal, surface, 64) for effects in (ALL, ALL - {effect}))
+    lighting = Lighting(golden.light(), (LAMP,), PRESETS["standard"], occluder=occluder(golden.bowl()))
+    found, without = (lighting.simulating(effects).table_of(metal, surface, 64) for effects in (ALL, ALL - {effect}))
     same = found.light.shape == without.light.shape and torch.equal(found.light, without.light)
     assert same == (not RULES[effect].changes_table)
 
@@ -205,11 +205,11 @@ def test_no_ray_is_cast_where_nothing_is_hidden(monkeypatch):
     calls = []
     hides = Occluder.of(golden.bowl())
     counted = replace(hides, cast=lambda *rays: (calls.append(len(rays[0])), hides.cast(*rays))[1], compiled=None)
-    setting = Setting(golden.light(), (LAMP,), PRESETS["preview"], occluder=counted)
+    lighting = Lighting(golden.light(), (LAMP,), PRESETS["preview"], occluder=counted)
     metal = Metal(tensor(golden.N), tensor(golden.K), Microfacet(tensor(0.2)))
-    without = setting.simulating(setting.effects - {"self-visibility", "ambient-occlusion"})
+    without = lighting.simulating(lighting.effects - {"self-visibility", "ambient-occlusion"})
     without.radiance(metal, surface, 16)
     without.radiance(Matte(tensor(WHITE), tensor(WHITE)), surface, 16)
     assert not calls
-    setting.radiance(metal, surface, 16)
+    lighting.radiance(metal, surface, 16)
     assert sum(calls) == len(surface.hit) * (surface.hit.shape[1] + 2 * 16 // 2)
