@@ -50,12 +50,8 @@ def caster(shape: Shape) -> Caster:
 
 def _vectorised(shape: Shape, mi: Any) -> Caster:
     scene = _scene(shape, mi)
-    ray_type, point, vector, number = (
-        mi.Ray3f,
-        mi.Point3f,
-        mi.Vector3f,
-        mi.Float,
-    )  # of this variant, whatever is current later
+    # of this variant, whatever is current later
+    ray_type, point, vector, number = mi.Ray3f, mi.Point3f, mi.Vector3f, mi.Float
 
     def cast(
         origins: Float[Tensor, "p 3"], directions: Float[Tensor, "p 3"], length: Float[Tensor, " p"] | None = None, /
@@ -77,13 +73,18 @@ def _one_by_one(shape: Shape, mi: Any) -> Caster:
     def cast(
         origins: Float[Tensor, "p 3"], directions: Float[Tensor, "p 3"], length: Float[Tensor, " p"] | None = None, /
     ) -> Int[np.ndarray, " p"]:
-        rays = [ray_type(*each) for each in zip(origins.tolist(), directions.tolist(), strict=True)]
-        for ray, end in zip(rays, [] if length is None else length.tolist(), strict=False):
-            ray.maxt = end
-        found = (scene.ray_intersect_preliminary(ray) for ray in rays)
+        rays = map(ray_type, origins.tolist(), directions.tolist())
+        if length is not None:
+            rays = map(_ended, rays, length.tolist())
+        found = map(scene.ray_intersect_preliminary, rays)
         return np.array([each.prim_index if each.is_valid() else -1 for each in found], np.int64)
 
     return cast
+
+
+def _ended(ray: Any, length: float) -> Any:
+    ray.maxt = length
+    return ray
 
 
 def _scene(shape: Shape, mi: Any) -> Any:
