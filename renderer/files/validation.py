@@ -44,12 +44,15 @@ class Checked(BaseModel):
         return data
 
 
+UNSHOWN = object()  # in place of a value that is absent, or too long to help
+
+
 def unexpected(expected: str, **where: Any) -> PydanticCustomError:
     """An error for a validator to raise.
 
     Args:
         expected: what would have been right; the sentence's end.
-        where: `key`, a key below the place of the validator; `value`, what stands there, "" to show none.
+        where: `key`, a key below the place of the validator; `value`, what stands there, `UNSHOWN` to show none.
     """
     for key, value in where.items():  # pydantic takes UTF-8 alone
         where[key] = type(value)(printable(str(value))) if isinstance(value, str | Path) else value
@@ -79,7 +82,7 @@ def check(model: type[Model], data: Any, file: Path) -> Model:
         return model.model_validate(data, context={"folder": file.parent})
     except ValidationError as error:
         location, value, expected = _wrong(error)
-        found = "" if value == "" else _quoted(value)
+        found = "" if value is UNSHOWN else _quoted(value)
         raise InputError(file, shortened(_field(location), 200), found, expected) from None
 
 
@@ -198,11 +201,11 @@ _EXPECTED = {
 
 
 def _wrong(error: ValidationError) -> tuple[list[int | str], Any, str]:
-    """The first thing that is wrong, in our words: where, the value, "" to show none, and what was expected."""
+    """The first thing that is wrong, in our words: where, the value or `UNSHOWN`, and what was expected."""
     first: ErrorDetails = error.errors(include_url=False)[0]
     told = first.get("ctx", {})
     location = [*first["loc"], *([told["key"]] if "key" in told else [])]
-    value = "" if first["type"] == "missing" else told.get("value", first["input"])
+    value = UNSHOWN if first["type"] == "missing" else told.get("value", first["input"])
     expected = _EXPECTED.get(first["type"]) or first["msg"].removeprefix("Input should be ")
     return location, value, expected
 

@@ -11,7 +11,16 @@ from typing import Annotated, Any
 import torch
 from pydantic import AfterValidator, Field, PlainValidator, SerializeAsAny, Strict, ValidationInfo
 
-from fit_material.renderer.files.validation import MISSING, Checked, Vector, check, check_within, one_of, unexpected
+from fit_material.renderer.files.validation import (
+    MISSING,
+    UNSHOWN,
+    Checked,
+    Vector,
+    check,
+    check_within,
+    one_of,
+    unexpected,
+)
 from fit_material.renderer.scene.fittable_values import LARGEST
 from fit_material.shaders.lights import DirectionalLight, Light
 from fit_material.shaders.registry.registry import Registry
@@ -84,7 +93,7 @@ def _by_type(data: Any, info: ValidationInfo) -> LightSpec:
     if not isinstance(data, dict):
         return check_within(LightSpec, data, info)  # which says that it should be a table
     if "type" not in data:
-        raise unexpected(MISSING, key="type", value="")
+        raise unexpected(MISSING, key="type", value=UNSHOWN)
     kind = data["type"]
     if not isinstance(kind, str) or kind not in LIGHTS:
         raise unexpected(one_of(LIGHTS), key="type", value=kind)

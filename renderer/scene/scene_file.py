@@ -24,6 +24,7 @@ from fit_material.renderer.errors.input_error import InputError
 from fit_material.renderer.errors.printable import is_unicode
 from fit_material.renderer.files.toml import load_toml
 from fit_material.renderer.files.validation import (
+    UNSHOWN,
     Checked,
     ExistingFile,
     ExistingPath,
@@ -63,7 +64,7 @@ class GeometrySpec(Checked):
     @model_validator(mode="after")
     def _one_of_two(self) -> GeometrySpec:
         if (self.mesh is None) == (self.shape is None):
-            raise unexpected('either mesh = "FILE" or shape = "sphere"', value="")
+            raise unexpected('either mesh = "FILE" or shape = "sphere"', value=UNSHOWN)
         return self
 
 
@@ -98,7 +99,7 @@ class CameraSpec(Checked):
     @model_validator(mode="after")
     def _one_lens(self) -> CameraSpec:
         if self.lens is not None and {"fov", "scale", "projection"} & self.model_fields_set:
-            raise unexpected("no fov, scale or projection beside it", key="lens", value="")
+            raise unexpected("no fov, scale or projection beside it", key="lens", value=UNSHOWN)
         return self
 
     @model_validator(mode="after")
@@ -159,7 +160,7 @@ class PhotographSpec(Checked):
         if not isinstance(images, list | tuple):
             raise unexpected("a list", key="images", value=images)
         if "image" in data or not images:
-            raise unexpected("either image, or images with at least one", key="images", value="")
+            raise unexpected("either image, or images with at least one", key="images", value=UNSHOWN)
         return {"exposure": "exif", **data, "image": images[0]}
 
     @model_validator(mode="after")

@@ -136,7 +136,7 @@ def wait_for_workers(address: str, certificate: Path) -> None:
 
 def connected(scheduler: Scheduler, monkeypatch) -> str:
     """What is wrong with a scheduler once it is called; "" where it answers."""
-    monkeypatch.setattr(cluster, "PATIENCE", 3)
+    monkeypatch.setattr(cluster, "CONNECT_TIMEOUT", 3)
     try:
         list(cluster.cluster_fits(scheduler, []))
     except InputError as error:
@@ -283,7 +283,7 @@ def test_options_of_a_cluster_need_one(scenes, tmp_path, monkeypatch, capsys, ar
 
 
 def test_no_scheduler_there(scenes, tmp_path, monkeypatch, capsys):
-    monkeypatch.setattr(cluster, "PATIENCE", 0.2)
+    monkeypatch.setattr(cluster, "CONNECT_TIMEOUT", 0.2)
     arguments = ("batch", scenes, "-o", tmp_path / "out", "--scheduler", "tcp://127.0.0.1:9", "--insecure")
     assert run(monkeypatch, *arguments) == 2
     said = capsys.readouterr().err
