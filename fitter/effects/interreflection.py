@@ -15,7 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 
 import torch
 from jaxtyping import Float
@@ -37,7 +37,6 @@ from fit_material.renderer.mitsuba.conversion import bsdf
 from fit_material.renderer.path_tracing import differentiable_scene
 from fit_material.renderer.path_tracing.differentiable_scene import DifferentiableScene, Radiance
 from fit_material.renderer.rays.gbuffer import GBuffer
-from fit_material.shaders.materials.kinds import MaterialType
 from fit_material.shaders.materials.types import Material, Metal
 from fit_material.shaders.materials.widths import alpha_of
 from fit_material.shaders.optics import fresnel
@@ -145,16 +144,6 @@ class PolishedPixels(MixedPixels):
 
 
 @dataclass(frozen=True)
-class PolishedProblem(Problem):
-    """A problem whose pixels see what the object does to itself; `added` as `PolishedPixels` has it."""
-
-    added: tuple[Tangent, ...]
-
-    def pixels(self, kind: MaterialType) -> PolishedPixels:
-        return PolishedPixels(super().pixels(kind), self.added)
-
-
-@dataclass(frozen=True)
 class Polish:
     """The polished fit of a metal.
 
@@ -189,8 +178,7 @@ def polished(problem: Problem, fit: Fit, scene: DifferentiableScene) -> Polish:
     for span in (WIDE, WIDE, problem.fidelity.spans[-1]):
         lighting = replace(problem.lighting, fidelity=replace(problem.fidelity, spans=(span,)))
         added = _traced(problem, _metal(fit), scene, seed)
-        means = (problem.observed, lighting, problem.solver, problem.progress, added)
-        fit = refined(PolishedProblem(*means, nuisances=problem.nuisances), fit)
+        fit = refined(replace(problem, lighting=lighting, corrected=partial(PolishedPixels, added=added)), fit)
     return Polish(replace(_settled(problem, fit, scene, seed), alike=alike), scene, seed)
 
 

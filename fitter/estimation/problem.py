@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -32,7 +33,8 @@ class Problem:
         lighting: the light, and how accurately to compute it.
         solver: least squares.
         progress: told the stage and its share done.
-        nuisances: what is unknown beside the material; None where nothing is.
+        nuisances: parameters beside the material's; None where there are none.
+        corrected: of a model of the pixels, the model with what it leaves out; None where nothing is added.
     """
 
     observed: Observations
@@ -40,6 +42,7 @@ class Problem:
     solver: Solver
     progress: Progress
     nuisances: Nuisances | None = field(default=None, kw_only=True)
+    corrected: Callable[[PixelModel], PixelModel] | None = field(default=None, kw_only=True)
 
     @property
     def settings(self) -> tuple[Lighting, ...]:
@@ -107,4 +110,5 @@ class Problem:
 
     def pixels(self, kind: MaterialType) -> PixelModel:
         """The pixels' model, with what that type calls for and nothing else, and without a table so far."""
-        return self._body if KINDS[kind].has_body else self._surface
+        model = self._body if KINDS[kind].has_body else self._surface
+        return model if self.corrected is None else self.corrected(model)

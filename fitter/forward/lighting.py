@@ -11,8 +11,9 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
+from fit_material.fitter.forward.direct_light import DIFFUSE_DEGREE
 from fit_material.fitter.forward.pixel_effects import PIXEL_EFFECTS, SeenPixels
-from fit_material.fitter.forward.pixel_model import DIFFUSE_DEGREE, PixelModel, central, exact_pixels, viewer_pixels
+from fit_material.fitter.forward.pixel_model import PixelModel, central, exact_pixels, viewer_pixels
 from fit_material.fitter.observations.scene_data import Loaded
 from fit_material.fitter.options.fidelity import Fidelity
 from fit_material.fitter.options.fit_options import FitOptions
@@ -20,6 +21,7 @@ from fit_material.renderer.environment import cubemap
 from fit_material.renderer.environment.downsampling import box_filtered
 from fit_material.renderer.environment.environment import Environment
 from fit_material.renderer.images.textures import Texture, lookup
+from fit_material.renderer.light_sampling.integrator import Integration, LobeGrid
 from fit_material.renderer.light_tables import light_table
 from fit_material.renderer.light_tables.irradiance_table import diffuse_table, even_table
 from fit_material.renderer.light_tables.light_table import LightTable
@@ -125,13 +127,10 @@ class Lighting:
         return light_table.microfacet_table(
             surface,
             self.environment,
-            levels,
-            distribution=self.fidelity.distribution,
-            degree=self.fidelity.degree,
-            samples=samples,
-            seed=self.seed,
-            progress=progress,
+            LobeGrid(*levels, self.fidelity.distribution),
+            Integration(self.fidelity.degree, samples, self.seed),
             occluder=self._before("self-visibility"),
+            progress=progress,
         )
 
     def radiance(self, material: Material, surface: GBuffer, samples: int) -> Float[Tensor, "p 3"]:

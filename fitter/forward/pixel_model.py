@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import functools
-import math
 import operator
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
@@ -14,6 +13,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
+from fit_material.fitter.forward.direct_light import DirectLight
 from fit_material.renderer.light_sampling import fresnel_basis
 from fit_material.renderer.light_tables import irradiance_table, light_table
 from fit_material.renderer.light_tables.light_table import LightTable
@@ -26,8 +26,6 @@ from fit_material.shaders.materials.material import MaterialReflectance
 from fit_material.shaders.materials.types import Material
 from fit_material.shaders.optics import microfacets
 from fit_material.shaders.shade import Illumination, Points, shade
-
-DIFFUSE_DEGREE = 11  # polynomials in √cos: one more than `irradiance_table.DEGREE`, so that (1 - cos)⁵ is among them
 
 
 class PixelModel(ABC):
@@ -91,62 +89,6 @@ class Body:
         found = [irradiance_table.coefficients(factor, self.view, self.view.shape[1]) for factor in factors]
         inwards, outwards = found[0], found[-1]
         return (self.light * inwards).sum(1) * (self.view @ outwards)
-
-
-def _interpolated(factor: Factor, cosines: Float[Tensor, "p k"]) -> Float[Tensor, "p k c"]:
-    """A factor that takes long to compute, from its values at a few cosines."""
-    basis = irradiance_table.cosine_basis(cosines, DIFFUSE_DEGREE)
-    return basis @ irradiance_table.coefficients(factor, cosines, DIFFUSE_DEGREE)
-
-
-@dataclass(frozen=True)
-class DirectLight:
-    """One light on the rays inside each pixel: cosines [p, k], and its irradiance on a surface that faces it.
-
-    Attributes:
-        cos_v, cos_l, cos_h: of view, light and half vector against the normal; cos_l is 0 below the horizon.
-        cos_d: of the half vector against the view.
-        irradiance: the largest within each pixel.
-        falloff: irradiance of each ray over that, 1 of a directional light.
-    """
-
-    cos_v: Float[Tensor, "p k"]
-    cos_l: Float[Tensor, "p k"]
-    cos_h: Float[Tensor, "p k"]
-    cos_d: Float[Tensor, "p k"]
-    irradiance: Float[Tensor, "p 3"]
-    falloff: Float[Tensor, "p k 3"]
-
-    @staticmethod
-    def of(surface: GBuffer, source: Light, occluder: Occluder | None = None) -> DirectLight:
-        """The light on a surface; none of it where something stands before it."""
-        incident = source.at(surface.position.double())
-        towards = incident.towards.to(surface.normal)
-        half = torch.nn.functional.normalize(surface.view + towards, dim=-1)
-        cosines = ((surface.normal * towards).sum(-1), (surface.normal * half).sum(-1), (surface.view * half).sum(-1))
-        cos_l, cos_h, cos_d = (cosine.clamp(0, 1) for cosine in cosines)
-        if occluder is not None:
-            cos_l = cos_l * occluder.free(occluder.origins(surface), towards, incident.distance)
-        irradiance = math.pi * incident.radiance
-        largest = irradiance.amax(1)
-        falloff = irradiance / largest[:, None].clamp_min(torch.finfo(largest.dtype).tiny)
-        return DirectLight(surface.n_dot_v, cos_l, cos_h.clamp_min(1e-6), cos_d, largest, falloff)
-
-    def reflected(
-        self, reflectance: Factor, alpha: Float[Tensor, ""], distribution: microfacets.Distribution
-    ) -> Float[Tensor, "p 3"]:
-        """E · F D G / (4 n·v), the mean over each pixel."""
-        facets = microfacets.reflected(self.cos_v, self.cos_l, self.cos_h, alpha, distribution)
-        return self.irradiance * (reflectance(self.cos_d[..., None]) * facets[..., None] * self.falloff).mean(1)
-
-    def scattered(self, towards_view: Factor, towards_light: Factor) -> Float[Tensor, "p 3"]:
-        """E · cos/π of a white body, by a factor of n·l on the way in and one of n·v on the way out."""
-        passed = _interpolated(towards_light, self.cos_l) * _interpolated(towards_view, self.cos_v)
-        return self.irradiance / math.pi * (passed * self.cos_l[..., None] * self.falloff).mean(1)
-
-    def received(self) -> Float[Tensor, "p 3"]:
-        """E · cos/π of a white Lambertian body, the mean over each pixel."""
-        return (self.cos_l[..., None] * self.falloff).mean(1) * self.irradiance / math.pi
 
 
 @dataclass(frozen=True)

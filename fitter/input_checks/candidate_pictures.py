@@ -15,7 +15,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from fit_material.fitter.forward.pixel_model import DirectLight
+from fit_material.fitter.forward.direct_light import DirectLight
 from fit_material.fitter.input_checks.orientation import Orientation, about_y
 from fit_material.fitter.input_checks.sampled_pixels import SampledPixels
 from fit_material.renderer.environment import cubemap
@@ -23,6 +23,7 @@ from fit_material.renderer.environment.cubemap import Cubemap
 from fit_material.renderer.environment.downsampling import box_filtered
 from fit_material.renderer.environment.environment import Environment
 from fit_material.renderer.light_sampling import fresnel_basis
+from fit_material.renderer.light_sampling.integrator import Integration, LobeGrid
 from fit_material.renderer.light_tables import irradiance_table
 from fit_material.renderer.light_tables.light_table import microfacet_table
 from fit_material.renderer.rays import gbuffer
@@ -93,9 +94,7 @@ class CoarseLight:
     def _mirrored(
         self, surface: GBuffer, turned: GBuffer, count: int, seed: int
     ) -> tuple[Float[Tensor, "o a 3 p"], Float[Tensor, "o a 3 p"]]:
-        table = microfacet_table(
-            turned, self.environment, ALPHAS, distribution="ggx", degree=DEGREE, samples=SAMPLES, seed=seed
-        )
+        table = microfacet_table(turned, self.environment, LobeGrid(*ALPHAS, "ggx"), Integration(DEGREE, SAMPLES, seed))
         light = table.mean(torch.float32)
         schlick = fresnel_basis.coefficients(lambda cos: (1 - cos) ** 5, DEGREE, light)[:, 0]
         narrowest, widest, _ = ALPHAS

@@ -7,7 +7,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from fit_material.fitter.forward.pixel_model import PixelModel
-from fit_material.renderer.light_tables import light_table
+from fit_material.renderer.compute import chebyshev
 from fit_material.shaders.materials.widths import Width
 
 
@@ -23,5 +23,5 @@ def widths(model: PixelModel) -> list[Width]:
     """The widths of the levels of a model's table, float64."""
     table = model.table
     assert table is not None
-    found = light_table.levels(table.low, table.high, table.light.shape[1], table.scale)
+    found = chebyshev.levels(table.low, table.high, table.light.shape[1], table.scale)
     return [table.lobe(torch.tensor(level, dtype=torch.float64)) for level in found]

@@ -57,7 +57,7 @@ class Fidelity:
     search_levels: int
     levels: int
     degree: int
-    spans: tuple[float, ...] = (1.3, 1.1)
+    spans: tuple[float, ...]
     environment_size: int = 0
     dtype: Dtype = "float32"
 
@@ -80,10 +80,65 @@ class Fidelity:
 
 
 PRESETS = {
-    "viewer": Fidelity("viewer", "lazanyi", "taps", TAPS, TAPS, 4000, 4000, 1, 24, 9, 6, (1.25, 1.05, 1.005)),
-    "preview": Fidelity("preview", "conductor", "ggx", 256, 64, 3000, 1000, 2, 12, 5, 12),
-    "standard": Fidelity("standard", "conductor", "ggx", 3072, 64, 40000, 1500, 4, 12, 3, 12, (1.3, 1.05)),
-    "reference": Fidelity("reference", "conductor", "ggx", 8192, 128, 100_000, 4000, 7, 14, 5, 16),
+    each.name: each
+    for each in (
+        Fidelity(
+            name="viewer",
+            reflectance="lazanyi",
+            lobe="taps",
+            samples=TAPS,
+            search_samples=TAPS,
+            pixels=4000,
+            search_pixels=4000,
+            footprint=1,
+            search_levels=24,
+            levels=9,
+            degree=6,
+            spans=(1.25, 1.05, 1.005),
+        ),
+        Fidelity(
+            name="preview",
+            reflectance="conductor",
+            lobe="ggx",
+            samples=256,
+            search_samples=64,
+            pixels=3000,
+            search_pixels=1000,
+            footprint=2,
+            search_levels=12,
+            levels=5,
+            degree=12,
+            spans=(1.3, 1.1),
+        ),
+        Fidelity(
+            name="standard",
+            reflectance="conductor",
+            lobe="ggx",
+            samples=3072,
+            search_samples=64,
+            pixels=40_000,
+            search_pixels=1500,
+            footprint=4,
+            search_levels=12,
+            levels=3,
+            degree=12,
+            spans=(1.3, 1.05),
+        ),
+        Fidelity(
+            name="reference",
+            reflectance="conductor",
+            lobe="ggx",
+            samples=8192,
+            search_samples=128,
+            pixels=100_000,
+            search_pixels=4000,
+            footprint=7,
+            search_levels=14,
+            levels=5,
+            degree=16,
+            spans=(1.3, 1.1),
+        ),
+    )
 }
 
 

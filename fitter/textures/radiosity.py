@@ -14,8 +14,8 @@ from jaxtyping import Bool, Float
 from scipy import sparse
 from torch import Tensor
 
+from fit_material.fitter.forward.direct_light import DirectLight
 from fit_material.fitter.forward.lighting import Lighting
-from fit_material.fitter.forward.pixel_model import DirectLight
 from fit_material.fitter.forward.received_light import Albedo, DiffuseLight, Met
 from fit_material.fitter.forward.surface_samples import Places, Sparse
 from fit_material.renderer.light_tables.irradiance_table import diffuse_table

@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import functools
 import math
+from typing import Literal
 
 import torch
 from jaxtyping import Float
 from torch import Tensor
+
+Scale = Literal["linear", "log"]
 
 
 def nodes(count: int) -> Float[Tensor, " count"]:
@@ -15,6 +18,18 @@ def nodes(count: int) -> Float[Tensor, " count"]:
     if count == 1:
         return torch.zeros(1, dtype=torch.float64)
     return -torch.cos(math.pi * torch.arange(count, dtype=torch.float64) / (count - 1))
+
+
+def levels(low: float, high: float, count: int, scale: Scale) -> list[float]:
+    """The nodes of a positive quantity, or of its logarithm, from `low` to `high`, ends included."""
+    first, last = on_scale(torch.tensor([low, high], dtype=torch.float64), scale)
+    placed = first + (nodes(count) + 1) / 2 * (last - first)
+    return (placed.exp() if scale == "log" else placed).tolist()
+
+
+def on_scale(value: Tensor, scale: Scale) -> Tensor:
+    """The value, or its logarithm."""
+    return value.log() if scale == "log" else value
 
 
 def polynomials(x: Float[Tensor, "..."], count: int) -> Float[Tensor, "count ..."]:

@@ -1,4 +1,4 @@
-"""The kernel of `renderer.light_kernel.table`: the sums over one half of the samples of one pixel."""
+"""The kernel of `renderer.light_kernel.llvm_integrator`: the sums over one half of the samples of one pixel."""
 
 from __future__ import annotations
 

@@ -18,8 +18,10 @@ from fit_material.renderer.compute.threads import cores, one_thread_per_operatio
 from fit_material.renderer.environment.environment import Environment
 from fit_material.renderer.environment.environment_file import read_environment
 from fit_material.renderer.geometry.mesh import Sphere
-from fit_material.renderer.light_kernel.table import fused_available
+from fit_material.renderer.light_kernel.llvm_integrator import LlvmIntegrator, fused_available
+from fit_material.renderer.light_sampling.integrator import Integration, Integrator, LobeGrid
 from fit_material.renderer.light_tables import light_table
+from fit_material.renderer.light_tables.torch_integrator import TorchIntegrator
 from fit_material.renderer.materials.bsdf import conductor
 from fit_material.renderer.materials.catalogue import metal
 from fit_material.renderer.mitsuba.conversion import envmap, mitsuba, mitsuba_shapes, sensor
@@ -165,16 +167,16 @@ def ways(case: Case, variant: str, slow: bool) -> list[Way]:
 def by_kernel(case: Case) -> list[Way]:
     """The compiled kernel on the CPU, where there is LLVM."""
     here = LEVELS if fused_available() else ()
-    return [Way("ours, fused kernel", levels, _integration(case, levels, fused=True)) for levels in here]
+    return [Way("ours, fused kernel", levels, _integration(case, levels, LlvmIntegrator())) for levels in here]
 
 
 def by_torch(case: Case, device: str) -> list[Way]:
     """Torch on a device; the table ends on the CPU, so that all work is done by then."""
     there = replace(case, environment=replace(case.environment, radiance=case.environment.radiance.to(device)))
-    return [Way(f"ours, torch, {device}", levels, _integration(there, levels, fused=False)) for levels in LEVELS]
+    return [Way(f"ours, torch, {device}", levels, _integration(there, levels, TorchIntegrator())) for levels in LEVELS]
 
 
-def _integration(case: Case, levels: int, fused: bool) -> Callable[[int], object]:
+def _integration(case: Case, levels: int, integrator: Integrator) -> Callable[[int], object]:
     fidelity, surface = preset("standard"), case.surface
     factor = fidelity.spans[-1] if levels > 1 else 1.001
     light = replace(case.environment, radiance=case.environment.radiance.float())
@@ -184,12 +186,9 @@ def _integration(case: Case, levels: int, fused: bool) -> Callable[[int], object
             return light_table.microfacet_table(
                 surface,
                 light,
-                (ALPHA / factor, ALPHA * factor, levels),
-                distribution="ggx",
-                degree=fidelity.degree,
-                samples=2 * case.pairs,
-                seed=seed,
-                fused=fused,
+                LobeGrid(ALPHA / factor, ALPHA * factor, levels, "ggx"),
+                Integration(fidelity.degree, 2 * case.pairs, seed),
+                integrator=integrator,
             )
 
     return run

@@ -9,7 +9,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from fit_material.fitter.forward.pixel_model import DirectLight
+from fit_material.fitter.forward.direct_light import DirectLight
 from fit_material.fitter.selftest.experiments.row import Numbers
 from fit_material.renderer.environment import cubemap, latlong
 from fit_material.renderer.environment.cubemap import Cubemap

@@ -22,6 +22,7 @@ from fit_material.renderer.environment.latlong import LatLong
 from fit_material.renderer.geometry.mesh import Sphere
 from fit_material.renderer.images.image_file import write_exr
 from fit_material.renderer.light_sampling import environment_sampling
+from fit_material.renderer.light_sampling.integrator import Integration, LobeGrid
 from fit_material.renderer.light_tables import irradiance_table, light_table
 from fit_material.renderer.light_tables.light_table import LightTable
 from fit_material.renderer.rays import gbuffer
@@ -48,7 +49,9 @@ def table_of(environment: Environment, numbers: Numbers, seed: int = 0, surface:
     """Light through one lobe at six points."""
     light = Environment(environment.radiance.to(numbers.device, numbers.dtype), environment.rotation)
     kept = points() if surface is None else surface
-    return light_table.microfacet_table(kept, light, ALPHAS, distribution="ggx", degree=4, samples=256, seed=seed)
+    return light_table.microfacet_table(
+        kept, light, LobeGrid(*ALPHAS, "ggx"), Integration(degree=4, samples=256, seed=seed)
+    )
 
 
 def not_finite(found: Tensor, numbers: Numbers) -> str | None:

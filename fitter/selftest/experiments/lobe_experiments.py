@@ -11,9 +11,9 @@ from torch import Tensor
 
 from fit_material.fitter.selftest.experiments import references
 from fit_material.fitter.selftest.experiments.row import Numbers
+from fit_material.renderer.compute import chebyshev
 from fit_material.renderer.environment import cubemap
 from fit_material.renderer.environment.cubemap import Cubemap
-from fit_material.renderer.light_tables import light_table
 from fit_material.renderer.light_tables.light_table import LightTable
 from fit_material.shaders.optics import blur, microfacets
 from fit_material.shaders.optics.microfacets import Distribution
@@ -129,6 +129,6 @@ def weights_of_levels(numbers: Numbers) -> float:
     """How far the weights at each of the levels are from choosing it alone."""
     table = LightTable(torch.zeros(2, 5, 1, 1, 3), 0.005, 1.2, "log")
     found = torch.stack(
-        [table.level_weights(numbers.tensor(level)) for level in light_table.levels(0.005, 1.2, 5, "log")]
+        [table.level_weights(numbers.tensor(level)) for level in chebyshev.levels(0.005, 1.2, 5, "log")]
     )
     return float((found - torch.eye(5).to(found)).abs().max())

@@ -26,6 +26,7 @@ from fit_material.fitter.observations.pixel_selection import Observations
 from fit_material.fitter.result.schema import FittedMaterial, Status
 from fit_material.renderer.environment.environment import Environment, directions
 from fit_material.renderer.geometry.mesh import Sphere
+from fit_material.renderer.light_sampling.integrator import Integration, LobeGrid
 from fit_material.renderer.light_tables import light_table
 from fit_material.renderer.light_tables.light_table import LightTable
 from fit_material.renderer.rays import gbuffer
@@ -71,7 +72,7 @@ def table(dtype: torch.dtype, device: torch.device) -> LightTable:
     """The ball's light, integrated once in these numbers."""
     light = replace(environment(), radiance=environment().radiance.to(device, dtype))
     return light_table.microfacet_table(
-        surface(), light, (*SPAN, 5), distribution="ggx", degree=12, samples=128, seed=0
+        surface(), light, LobeGrid(*SPAN, 5, "ggx"), Integration(degree=12, samples=128, seed=0)
     )
 
 

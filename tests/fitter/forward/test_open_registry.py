@@ -20,8 +20,8 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
+from fit_material.fitter.forward.direct_light import DirectLight
 from fit_material.fitter.forward.lighting import Lighting
-from fit_material.fitter.forward.pixel_model import DirectLight
 from fit_material.fitter.options.fidelity import PRESETS
 from fit_material.fitter.options.fit_options import FitOptions
 from fit_material.fitter.pipeline.fit_scene import fit_scene

@@ -10,14 +10,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from fit_material.fitter.forward.pixel_model import (
-    BlurredByTable,
-    Body,
-    DirectLight,
-    ExactPixels,
-    PixelModel,
-    ViewerPixels,
-)
+from fit_material.fitter.forward.direct_light import DirectLight
+from fit_material.fitter.forward.pixel_model import BlurredByTable, Body, ExactPixels, PixelModel, ViewerPixels
 from fit_material.fitter.least_squares.noise import even_whitening, relative_weight
 from fit_material.fitter.least_squares.residuals import ROBUST_AT, Residuals, huber
 from fit_material.fitter.materials.coordinates import WidthInterval

@@ -12,7 +12,7 @@ import pytest
 from fit_material.fitter.effects import interreflection
 from fit_material.fitter.effects.plan import Plan
 from fit_material.fitter.effects.planner import Planner, spared
-from fit_material.fitter.forward import lighting, pixel_model
+from fit_material.fitter.forward import direct_light, lighting
 from fit_material.fitter.options.fidelity import PRESETS
 from fit_material.fitter.options.fit_options import FitOptions
 from fit_material.fitter.pipeline import describe_fit, planned_fit
@@ -58,8 +58,8 @@ def calls(monkeypatch) -> Counter[str]:
     count(lighting, "diffuse_table", "diffuse-irradiance")
     count(lighting, "mirror_table", "reflection without blur")
     count(lighting.light_table, "microfacet_table", "blur")
-    count(pixel_model.DirectLight, "of", "lights")
-    count(pixel_model.DirectLight, "reflected", "light-reflection")
+    count(direct_light.DirectLight, "of", "lights")
+    count(direct_light.DirectLight, "reflected", "light-reflection")
     count(occlusion.Occluder, "origins", "rays")
     count(differentiable_scene.DifferentiableScene, "radiance", "interreflection")
     return counted

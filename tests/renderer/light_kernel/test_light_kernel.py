@@ -13,11 +13,13 @@ from hypothesis import strategies as st
 
 from fit_material.renderer.environment import latlong
 from fit_material.renderer.environment.environment import Environment
-from fit_material.renderer.light_kernel import table as fused_table
+from fit_material.renderer.light_kernel import llvm_integrator
+from fit_material.renderer.light_kernel.llvm_integrator import LlvmIntegrator, fused_available
 from fit_material.renderer.light_kernel.packed_rays import packed_frames
-from fit_material.renderer.light_kernel.table import fused_available
 from fit_material.renderer.light_sampling import environment_sampling
+from fit_material.renderer.light_sampling.integrator import Integration, LobeGrid
 from fit_material.renderer.light_tables import light_table
+from fit_material.renderer.light_tables.torch_integrator import TorchIntegrator
 from fit_material.renderer.rays.local_frame import frames
 from fit_material.shaders.optics import microfacets
 from tests.renderer.light_sampling.test_environment_sampling import cells, night, shares
@@ -27,9 +29,11 @@ from tests.support.quadrature import albedo
 needs_llvm = pytest.mark.skipif(not fused_available(), reason="LLVM's library is absent")
 
 
-def table(surface, environment, alphas, distribution="ggx", **options):
-    options = {"degree": 4, "samples": 256, "seed": 1, "fused": True} | options
-    return light_table.microfacet_table(surface, environment, alphas, distribution=distribution, **options)
+def table(surface, environment, alphas, distribution="ggx", integrator=LlvmIntegrator(), progress=None, **options):
+    integration = Integration(**{"degree": 4, "samples": 256, "seed": 1} | options)
+    called = {} if progress is None else {"progress": progress}
+    lobes = LobeGrid(*alphas, distribution)
+    return light_table.microfacet_table(surface, environment, lobes, integration, integrator=integrator, **called)
 
 
 def directions(count: int) -> torch.Tensor:
@@ -156,16 +160,16 @@ def test_the_poles_show_one_of_their_texels():
 def test_the_table_is_torchs(distribution, alpha):
     """Σ difference² as its expectation, Σ of both variances, and the mean within 5σ, for every function of the basis.
 
-    The ratio scatters by √(2/N); few pixels hold most of the noise, so that four runs have N of some 60.
+    The seeds differ: one would give the same rays to both. The ratio scatters by √(2/N); few pixels hold most of the noise, so that four runs have N of some 60.
     """
     *_, surface = ball(20)
     span = (alpha * 0.9, alpha, 2)  # two levels that share directions
     one, other = (
         torch.stack([
-            table(surface, lit_room(40.0), span, distribution, samples=1024, fused=fused, seed=seed).light.double()
+            table(surface, lit_room(40.0), span, distribution, integrator, samples=1024, seed=seed).light.double()
             for seed in seeds
         ])
-        for fused, seeds in ((True, range(4)), (False, range(4, 8)))  # one seed would give the same rays to both
+        for integrator, seeds in ((LlvmIntegrator(), range(4)), (TorchIntegrator(), range(4, 8)))
     )  # fmt: skip
     size = other[..., :1, :].mean((0, 1, -1), keepdim=True)[0]
     difference = (one.mean(1) - other.mean(1)) / size
@@ -198,8 +202,8 @@ def test_halves_and_pixels_are_alike_and_pixels_apart():
 def test_chunks_change_nothing(monkeypatch):
     *_, surface = ball(24)
     whole = table(surface, lit_room(), (0.02, 0.8, 7), samples=16)
-    monkeypatch.setattr(fused_table, "_PIXELS", 50)
-    monkeypatch.setattr(fused_table, "_SAMPLES", 1)
+    monkeypatch.setattr(llvm_integrator, "_PIXELS", 50)
+    monkeypatch.setattr(llvm_integrator, "_SAMPLES", 1)
     told: list[float] = []
     parts = table(surface, lit_room(), (0.02, 0.8, 7), samples=16, progress=told.append)
     assert torch.equal(parts.light, whole.light)

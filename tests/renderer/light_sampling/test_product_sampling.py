@@ -8,11 +8,13 @@ import torch
 
 from fit_material.renderer.environment import latlong
 from fit_material.renderer.environment.environment import Environment
+from fit_material.renderer.light_kernel.llvm_integrator import fused_available
 from fit_material.renderer.light_kernel.packed_rays import packed
-from fit_material.renderer.light_kernel.table import fused_available
 from fit_material.renderer.light_sampling import environment_sampling, product_sampling
 from fit_material.renderer.light_sampling.direction_sampling import LightSampler, asked_blocks
+from fit_material.renderer.light_sampling.integrator import Integration, LobeGrid
 from fit_material.renderer.light_tables import light_table
+from fit_material.renderer.light_tables.torch_integrator import TorchIntegrator
 from fit_material.renderer.rays.pixel_footprint import Rays
 from tests.renderer.light_sampling.test_environment_sampling import cells, night, shares
 from tests.renderer.light_tables.test_light_table import facing, shaded, white
@@ -92,12 +94,9 @@ def test_a_dim_lamp_beside_a_bright_one_is_found(monkeypatch):
         table = light_table.microfacet_table(
             surface,
             Environment(radiance),
-            (0.2, 0.2, 1),
-            distribution="ggx",
-            degree=4,
-            samples=256,
-            seed=1,
-            fused=False,
+            LobeGrid(0.2, 0.2, 1, "ggx"),
+            Integration(degree=4, samples=256, seed=1),
+            integrator=TorchIntegrator(),
         )
         picture = shaded(table, 0.2, white)[:, 0]
         return float(picture.std() / picture.mean())

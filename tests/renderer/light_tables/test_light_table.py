@@ -9,12 +9,14 @@ import pytest
 import torch
 
 from fit_material.renderer.cameras.camera import Camera, look_at
+from fit_material.renderer.compute import chebyshev
 from fit_material.renderer.environment import cubemap, latlong
 from fit_material.renderer.environment.cubemap import Cubemap
 from fit_material.renderer.environment.environment import Environment
 from fit_material.renderer.geometry.mesh import Sphere
-from fit_material.renderer.light_kernel.table import fused_available
+from fit_material.renderer.light_kernel.llvm_integrator import fused_available
 from fit_material.renderer.light_sampling import fresnel_basis
+from fit_material.renderer.light_sampling.integrator import Integration, LobeGrid
 from fit_material.renderer.light_tables import light_table
 from fit_material.renderer.materials.bsdf import conductor
 from fit_material.renderer.mitsuba.conversion import envmap, mitsuba, mitsuba_shape, sensor
@@ -73,8 +75,8 @@ def ball(size: int, side: int = 8) -> tuple[Camera, torch.Tensor, torch.Tensor, 
 
 
 def table_at(surface: GBuffer, environment: Environment, alpha: float, distribution="ggx", **options):
-    options = {"degree": 6, "samples": 256, "seed": 1} | options
-    return light_table.microfacet_table(surface, environment, (alpha, alpha, 1), distribution=distribution, **options)
+    integration = Integration(**{"degree": 6, "samples": 256, "seed": 1} | options)
+    return light_table.microfacet_table(surface, environment, LobeGrid(alpha, alpha, 1, distribution), integration)
 
 
 def shaded(table: light_table.LightTable, alpha: float, reflectance) -> torch.Tensor:
@@ -224,8 +226,9 @@ def test_levels_between_are_interpolated():
     low, high = 0.08, 0.6
     errors = {}
     for count in (4, 8):
-        options = {"distribution": "ggx", "degree": 6, "samples": 65536, "seed": 3}
-        table = light_table.microfacet_table(surface, dusk(), (low, high, count), **options)
+        options = {"degree": 6, "samples": 65536, "seed": 3}
+        lobes = LobeGrid(low, high, count, "ggx")
+        table = light_table.microfacet_table(surface, dusk(), lobes, Integration(**options))
         errors[count] = max(
             (shaded(table, alpha, metal()) / shaded(table_at(surface, dusk(), alpha, **options), alpha, metal()) - 1)
             .abs()
@@ -240,14 +243,13 @@ def test_levels_between_are_interpolated():
 
 
 def test_roughness_beyond_the_levels_is_the_ends():
-    table = light_table.microfacet_table(
-        facing([0.5]), lit_room(), (0.1, 0.4, 3), distribution="ggx", degree=4, samples=64, seed=1
-    )
+    lobes, integration = LobeGrid(0.1, 0.4, 3, "ggx"), Integration(degree=4, samples=64, seed=1)
+    table = light_table.microfacet_table(facing([0.5]), lit_room(), lobes, integration)
     for alpha, expected in ((0.01, [1, 0, 0]), (0.1, [1, 0, 0]), (0.2, [0, 1, 0]), (0.4, [0, 0, 1]), (0.9, [0, 0, 1])):
         found = table.level_weights(torch.tensor(alpha, dtype=torch.float64))
         torch.testing.assert_close(found, torch.tensor(expected).double(), atol=1e-12, rtol=0)
-    assert light_table.levels(0.1, 0.4, 3, "log") == pytest.approx([0.1, 0.2, 0.4])
-    assert light_table.levels(0.1, 0.4, 3, "linear") == pytest.approx([0.1, 0.25, 0.4])
+    assert chebyshev.levels(0.1, 0.4, 3, "log") == pytest.approx([0.1, 0.2, 0.4])
+    assert chebyshev.levels(0.1, 0.4, 3, "linear") == pytest.approx([0.1, 0.25, 0.4])
 
 
 @pytest.mark.usefixtures("integrator")
@@ -376,11 +378,8 @@ def test_the_same_seed_gives_the_same_table():
         light_table.microfacet_table(
             surface,
             lit_room(),
-            (0.1, 0.5, 2),
-            distribution="ggx",
-            degree=4,
-            samples=64,
-            seed=seed,
+            LobeGrid(0.1, 0.5, 2, "ggx"),
+            Integration(degree=4, samples=64, seed=seed),
             progress=told.append,
         )
         for seed in (5, 5, 6)
@@ -409,11 +408,13 @@ def test_double_precision_finds_the_same_light(distribution):
     surface, light = facing([0.3, 0.6, 0.9]), lit_room()
     tables = [
         light_table.microfacet_table(
-            surface, replace(light, radiance=light.radiance.to(dtype)), (0.2, 0.4, 3), distribution=distribution,
-            degree=4, samples=4096, seed=1,
+            surface,
+            replace(light, radiance=light.radiance.to(dtype)),
+            LobeGrid(0.2, 0.4, 3, distribution),
+            Integration(degree=4, samples=4096, seed=1),
         )
         for dtype in (torch.float32, torch.float64)
-    ]  # fmt: skip
+    ]
     assert [table.light.dtype for table in tables] == [torch.float32, torch.float64]
     means = [table.mean(torch.float64)[:, :, 0] for table in tables]
     noise = sum((table.light[0] - table.light[1]).double()[:, :, 0].square() / 4 for table in tables)

@@ -14,8 +14,10 @@ from fit_material.fitter.forward.lighting import Lighting
 from fit_material.fitter.options.fidelity import PRESETS
 from fit_material.renderer.errors.input_error import InputError
 from fit_material.renderer.geometry.mesh import Sphere
-from fit_material.renderer.light_kernel.table import fused_available
+from fit_material.renderer.light_kernel.llvm_integrator import LlvmIntegrator, fused_available
+from fit_material.renderer.light_sampling.integrator import Integration, Integrator, LobeGrid
 from fit_material.renderer.light_tables import light_table
+from fit_material.renderer.light_tables.torch_integrator import TorchIntegrator
 from fit_material.renderer.materials.bsdf import Bsdf, conductor, diffuse
 from fit_material.renderer.mitsuba import raycast
 from fit_material.renderer.mitsuba.conversion import mitsuba, variant_here
@@ -128,24 +130,21 @@ def test_the_kernel_and_torch_agree():
     surface, _ = inside()
     hides = Occluder.of(golden.bowl())
 
-    def mean(fused: bool) -> torch.Tensor:
+    def mean(integrator: Integrator) -> torch.Tensor:
         made = [
             light_table.microfacet_table(
                 surface,
                 golden.light(),
-                (0.2, 0.4, 2),
-                distribution="ggx",
-                degree=4,
-                samples=1024,
-                seed=seed,
-                fused=fused,
+                LobeGrid(0.2, 0.4, 2, "ggx"),
+                Integration(degree=4, samples=1024, seed=seed),
                 occluder=hides,
+                integrator=integrator,
             )
             for seed in range(3)
         ]
         return torch.stack([table.mean(torch.float64).mean(1) for table in made]).mean(0)
 
-    fused, plain = mean(True), mean(False)
+    fused, plain = mean(LlvmIntegrator()), mean(TorchIntegrator())
     assert ((fused - plain).abs() < 0.011 * plain[:, :1]).all()
 
 
