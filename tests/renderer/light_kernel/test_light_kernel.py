@@ -29,10 +29,10 @@ from tests.support.quadrature import albedo
 needs_llvm = pytest.mark.skipif(not fused_available(), reason="LLVM's library is absent")
 
 
-def table(surface, environment, alphas, distribution="ggx", integrator=LlvmIntegrator(), progress=None, **options):
+def table(surface, environment, alphas, distribution="ggx", integrator=None, progress=None, **options):
     integration = Integration(**{"degree": 4, "samples": 256, "seed": 1} | options)
     called = {} if progress is None else {"progress": progress}
-    lobes = LobeGrid(*alphas, distribution)
+    lobes, integrator = LobeGrid(*alphas, distribution), integrator or LlvmIntegrator()
     return light_table.microfacet_table(surface, environment, lobes, integration, integrator=integrator, **called)
 
 
@@ -160,7 +160,8 @@ def test_the_poles_show_one_of_their_texels():
 def test_the_table_is_torchs(distribution, alpha):
     """Σ difference² as its expectation, Σ of both variances, and the mean within 5σ, for every function of the basis.
 
-    The seeds differ: one would give the same rays to both. The ratio scatters by √(2/N); few pixels hold most of the noise, so that four runs have N of some 60.
+    The seeds differ: one would give the same rays to both. The ratio scatters by √(2/N); few pixels hold most of the
+    noise, so that four runs have N of some 60.
     """
     *_, surface = ball(20)
     span = (alpha * 0.9, alpha, 2)  # two levels that share directions
