@@ -13,7 +13,7 @@ from torch import Tensor
 from fit_material.fitter.forward.lighting import Lighting
 from fit_material.fitter.forward.pixel_model import PixelModel, central
 from fit_material.fitter.forward.rotated_environment import TURNS, joined, turned
-from fit_material.fitter.forward.textured_pixels import SpottedPixels
+from fit_material.fitter.forward.textured_pixels import MultiViewPixels
 from fit_material.fitter.least_squares.noise import neighbours_of, relative_weight
 from fit_material.fitter.least_squares.nuisances import SCANNED, Nuisances, RotationBracket
 from fit_material.fitter.least_squares.solvers import Solver
@@ -104,9 +104,9 @@ class Problem:
     def _body(self) -> PixelModel:
         observed = self.observed
         model = turned([lighting.pixels(observed.surface, body=True) for lighting in self.settings])
-        if observed.spot is None:
+        if observed.point is None:
             return model
-        return SpottedPixels(model, observed.spot, observed.radiance, relative_weight(observed.radiance))
+        return MultiViewPixels(model, observed.point, observed.radiance, relative_weight(observed.radiance))
 
     def pixels(self, kind: MaterialType) -> PixelModel:
         """The pixels' model, with what that type calls for and nothing else, and without a table so far."""

@@ -65,29 +65,29 @@ class TintedPixels(TexturedPixels):
 
 
 @dataclass(frozen=True)
-class SpottedPixels(TexturedPixels):
-    """Pixels that see a few spots of the surface, each from several sides; each spot's colour is free.
+class MultiViewPixels(TexturedPixels):
+    """Pixels that see a few points of the surface, each from several sides; each point's colour is free.
 
-        c_s = Σ w² body (seen - surface) / Σ w² body²        over the pixels of spot s, per channel
+        c_s = Σ w² body (seen - surface) / Σ w² body²        over the pixels of point s, per channel
 
-    A spot's colour is always the one by which it comes nearest to the photographs: it is eliminated [Golub & Pereyra
-    1973], and what a fit goes by is how spots change with the direction from which they are seen. The tint is c_s over
-    its mean, so that the material's colour is the spots' mean.
+    A point's colour is always the one by which it comes nearest to the photographs: it is eliminated [Golub & Pereyra
+    1973], and what a fit goes by is how points change with the direction from which they are seen. The tint is c_s over
+    its mean, so that the material's colour is the points' mean.
 
     Attributes:
         model: of the same pixels in one colour.
-        spot: the number of each pixel's.
+        point: the number of each pixel's.
         seen: what the photographs show.
         weight: of each difference.
     """
 
     model: PixelModel
-    spot: Int[Tensor, " p"]
+    point: Int[Tensor, " p"]
     seen: Float[Tensor, "p 3"]
     weight: Float[Tensor, "p 3"]
 
     def tint_by(self, surface: Float[Tensor, "p 3"], body: Float[Tensor, "p 3"]) -> Float[Tensor, "p 3"]:
-        _, index = self.spot.unique(return_inverse=True)
+        _, index = self.point.unique(return_inverse=True)
         none = torch.zeros(int(index.max()) + 1, 3, dtype=body.dtype)
         weighted = self.weight**2 * body
         total = none.index_add(0, index, weighted * body).clamp_min(torch.finfo(body.dtype).tiny)

@@ -11,6 +11,7 @@ from jaxtyping import Float, Int
 from torch import Tensor
 
 from fit_material.fitter.observations.photograph import Photograph, known_exposure
+from fit_material.fitter.observations.pixel_request import PixelRequest
 from fit_material.fitter.observations.pixel_selection import Observations, choose_pixels
 from fit_material.renderer.errors.input_error import InputError
 from fit_material.renderer.rays import gbuffer
@@ -66,15 +67,7 @@ def look(
         photograph = photographs[number]
         exposures.append(known_exposure(photograph.exposure))
         try:
-            chosen = choose_pixels(
-                [photograph],
-                trace,
-                scene_file,
-                count=quota,
-                footprint=FOOTPRINT,
-                seed=seed,
-                materials=materials,
-            )
+            chosen = choose_pixels(PixelRequest([photograph], trace, scene_file, FOOTPRINT, seed, materials), quota)
         except InputError:  # its camera sees nothing of the object, which its silhouette tells, or the mesh's inside
             if index + 1 == len(numbers) and not any(found):
                 raise

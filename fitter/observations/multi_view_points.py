@@ -1,120 +1,110 @@
-"""Spots of the surface that several photographs see: what a fit goes by where the colour varies from place to place."""
+"""Points of the surface that several photographs see: what a fit is based on where the colour varies."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
 
 import torch
 from jaxtyping import Bool, Float, Int
 from torch import Tensor
 
 from fit_material.fitter.observations.photograph import Photograph
-from fit_material.fitter.observations.pixel_selection import Observations, require_front, without_edge
+from fit_material.fitter.observations.pixel_request import PixelRequest
+from fit_material.fitter.observations.pixel_selection import Observations, without_edge
 from fit_material.renderer.rays import gbuffer
-from fit_material.renderer.rays.gbuffer import GBuffer, Tracer
+from fit_material.renderer.rays.gbuffer import GBuffer
 from fit_material.renderer.rays.self_visibility import sees_itself
 
-LEAST_COSINE = 0.15  # n·v, below which a pixel covers too much of the surface to be about one spot
-SAME_PLACE = 1e-3  # of the object's extent: what a ray meets farther from a spot hides it
-SEEN_BY = 2.5  # photographs that see a spot, less than which is rare where they overlap
-FEWEST = 40  # spots; fewer do not tell a reflection from a colour
+LEAST_COSINE = 0.15  # n·v, below which a pixel covers too much of the surface to be about one point
+SAME_PLACE = 1e-3  # of the object's extent: what a ray meets farther from a point hides it
+SEEN_BY = 2.5  # photographs that see a point, less than which is rare where they overlap
+FEWEST = 40  # points; fewer do not tell a reflection from a colour
 
 
 @dataclass(frozen=True)
 class _Sighting:
-    """What one photograph shows of spots.
+    """What one photograph shows of points.
 
     Attributes:
-        spot: their numbers.
+        point: their numbers.
         place: photograph, row and column.
         surface: [s, k] rays inside a pixel about each.
         radiance: of the photograph there.
         mirrors_itself: whether the object mirrors itself there.
     """
 
-    spot: Int[Tensor, " s"]
+    point: Int[Tensor, " s"]
     place: Int[Tensor, "s 3"]
     surface: GBuffer
     radiance: Float[Tensor, "s 3"]
     mirrors_itself: Bool[Tensor, " s"]
 
 
-def choose_spots(
-    photographs: Sequence[Photograph],
-    trace: Tracer,
-    scene_file: Path,
-    *,
-    count: int,
-    footprint: int,
-    seed: int,
-    materials: int = 1,
-    left_out: Collection[int] = (),
-    kept: Collection[int] = (),
-    progress: Callable[[float], None] = lambda share: None,
-) -> list[Observations | None]:
-    """At most `count` pixels of each material, which see places of its surface that two photographs or more see.
+def choose_points(request: PixelRequest, count: int) -> list[Observations | None]:
+    """At most `count` pixels of each material, which see points of its surface that two photographs or more see.
 
-    Spots are drawn from all photographs' pixels and looked for in every other one, where radiance is interpolated
-    between pixels: so that all see the same place, and not just one nearby of another colour.
+    Points are drawn from all photographs' pixels and looked for in every other one, where radiance is interpolated
+    between pixels: so that all see the same point, and not just one nearby of another colour.
 
-    Args: as of `fitter.observations.pixel_selection.choose_pixels`.
+    Args:
+        request: from what.
+        count: pixels wanted of each material, over all photographs.
 
     Returns:
-        for each material its pixels, with the number of each one's spot; None where fewer than `FEWEST` are seen twice.
+        for each material its pixels, with the number of each one's point; None where fewer than `FEWEST` are seen
+        twice.
 
     Raises:
-        InputError: as `choose_pixels`.
+        InputError: a camera sees nothing of the object where its mask is, or sees it from inside.
     """
-    generator = torch.Generator().manual_seed(seed)
-    looked_at = [index for index in range(len(photographs)) if index not in left_out]
-    each = -(-int(2 * count * materials / SEEN_BY) // len(looked_at))
-    drawn = []
-    for index in looked_at:
-        drawn.append(_drawn(photographs[index], trace, each, generator, (scene_file, f"photographs[{index}].camera")))
-    spots = gbuffer.concatenate(drawn)
+    generator = torch.Generator().manual_seed(request.seed)
+    each = -(-int(2 * count * request.materials / SEEN_BY) // len(request.used))
+    points = gbuffer.concatenate([_drawn(request, index, each, generator) for index in request.used])
     sightings, pixels = [], 0
-    for done, index in enumerate(looked_at):
-        progress(done / len(looked_at))
-        sightings.append(_sighting(photographs[index], index, trace, spots, footprint))
-        pixels += int(photographs[index].mask.sum())
-    each_for = pixels / max(1, len(spots.hit))
-    return [_observed(sightings, index, count, index in kept, each_for, generator) for index in range(materials)]
+    for done, index in enumerate(request.used):
+        request.progress(done / len(request.used))
+        photograph = request.photographs[index]
+        sightings.append(_sighting(request, photograph, index, points))
+        pixels += int(photograph.mask.sum())
+    each_for = pixels / max(1, len(points.hit))
+    return [
+        _observed(sightings, index, count, index in request.kept, each_for, generator)
+        for index in range(request.materials)
+    ]
 
 
-def _drawn(
-    photograph: Photograph, trace: Tracer, count: int, generator: torch.Generator, place: tuple[Path, str]
-) -> GBuffer:
-    """The surface at the middles of some of a photograph's pixels."""
+def _drawn(request: PixelRequest, index: int, count: int, generator: torch.Generator) -> GBuffer:
+    """The surface at the centres of some of a photograph's pixels."""
+    photograph = request.photographs[index]
     row, column = photograph.mask.nonzero().T
     chosen = torch.randperm(len(row), generator=generator)[:count]
-    centres = gbuffer.pixel_footprints(trace, photograph.camera, column[chosen], row[chosen], 1)[:, 0]
-    require_front(centres, place)
+    centres = gbuffer.pixel_footprints(request.trace, photograph.camera, column[chosen], row[chosen], 1)[:, 0]
+    request.require_front(index, centres)
     return centres[centres.front & (centres.n_dot_v > LEAST_COSINE)]
 
 
-def _sighting(photograph: Photograph, number: int, trace: Tracer, spots: GBuffer, footprint: int) -> _Sighting:
-    """The spots that a photograph sees whole."""
-    camera = photograph.camera
-    x, y, before = camera.film(spots.position)
+def _sighting(request: PixelRequest, photograph: Photograph, number: int, points: GBuffer) -> _Sighting:
+    """The points that a photograph sees whole."""
+    camera, trace, footprint = photograph.camera, request.trace, request.footprint
+    x, y, before = camera.film(points.position)
     inside = (before > 0) & (x >= 0.5) & (x <= camera.width - 0.5) & (y >= 0.5) & (y <= camera.height - 0.5)
-    spot = inside.nonzero()[:, 0]
-    centres = gbuffer.pixel_footprints(trace, camera, x[spot] - 0.5, y[spot] - 0.5, 1)[:, 0]
-    away = (centres.position - spots.position[spot]).norm(dim=-1)
-    extent = (spots.position.amax(0) - spots.position.amin(0)).norm()
+    point = inside.nonzero()[:, 0]
+    centres = gbuffer.pixel_footprints(trace, camera, x[point] - 0.5, y[point] - 0.5, 1)[:, 0]
+    away = (centres.position - points.position[point]).norm(dim=-1)
+    extent = (points.position.amax(0) - points.position.amin(0)).norm()
     usable = centres.front & (centres.n_dot_v > LEAST_COSINE) & (away < SAME_PLACE * extent)
-    spot, centres = spot[usable], centres[usable]
-    x, y = x[spot], y[spot]
+    point, centres = point[usable], centres[usable]
+    x, y = x[point], y[point]
     across, down = (_interpolated_width(each) for each in (x, y))
     surface = gbuffer.film_footprints(trace, camera, x, y, across, down, footprint)
     radiance, known = _interpolated(photograph, x, y)
     whole = (surface.front & (surface.material == centres.material[:, None])).all(-1)
     smooth = whole & without_edge(surface, footprint)
     usable = known & (whole if 2 * smooth.sum() < whole.sum() else smooth)  # facets leave few without an edge
-    place = torch.stack([torch.full_like(spot, number), y.long(), x.long()], 1)
+    place = torch.stack([torch.full_like(point, number), y.long(), x.long()], 1)
     mirrors = sees_itself(trace, centres[usable])
-    return _Sighting(spot[usable], place[usable], surface[usable], radiance[usable], mirrors)
+    return _Sighting(point[usable], place[usable], surface[usable], radiance[usable], mirrors)
 
 
 def _interpolated_width(position: Float[Tensor, " s"]) -> Float[Tensor, " s"]:
@@ -146,25 +136,25 @@ def _interpolated(
 def _observed(
     sightings: Sequence[_Sighting], material: int, count: int, kept: bool, each_for: float, generator: torch.Generator
 ) -> Observations | None:
-    """The pixels of some spots of a material, all that there are of each; a spot stands for `each_for` pixels."""
-    spot, place = (torch.cat([getattr(each, key) for each in sightings]) for key in ("spot", "place"))
+    """The pixels of some points of a material, all that there are of each; a point stands for `each_for` pixels."""
+    point, place = (torch.cat([getattr(each, key) for each in sightings]) for key in ("point", "place"))
     surface = gbuffer.concatenate([each.surface for each in sightings])
     radiance = torch.cat([each.radiance for each in sightings])
     mirrors = torch.cat([each.mirrors_itself for each in sightings])
     own = surface.material[:, 0] == material
     self_seeing = float(mirrors[own].double().mean()) if own.any() else 0.0
     usable = own if kept else own & ~mirrors
-    spot, place, surface, radiance = spot[usable], place[usable], surface[usable], radiance[usable]
-    if not len(spot):
+    point, place, surface, radiance = point[usable], place[usable], surface[usable], radiance[usable]
+    if not len(point):
         return None
-    times = torch.bincount(spot)
+    times = torch.bincount(point)
     again = (times >= 2).nonzero()[:, 0]
     available = round(each_for * len(again))
     again = again[torch.randperm(len(again), generator=generator)]
     again = again[times[again].cumsum(0) <= count]
     if len(again) < FEWEST:
         return None
-    chosen = torch.isin(spot, again)
-    order = chosen.nonzero()[:, 0][spot[chosen].argsort(stable=True)]  # a spot's pixels together
+    chosen = torch.isin(point, again)
+    order = chosen.nonzero()[:, 0][point[chosen].argsort(stable=True)]  # a point's pixels together
     taken = (surface[order], radiance[order], self_seeing, False, available, place[order])
-    return Observations(*taken, spot=spot[order])
+    return Observations(*taken, point=point[order])

@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
 
 import torch
 from jaxtyping import Bool, Float, Int
 from torch import Tensor
 
 from fit_material.fitter.observations.photograph import Photograph
+from fit_material.fitter.observations.pixel_request import PixelRequest
 from fit_material.fitter.observations.view_sampling import strata
-from fit_material.renderer.errors.input_error import InputError
 from fit_material.renderer.rays import gbuffer
 from fit_material.renderer.rays.gbuffer import GBuffer, Tracer
 from fit_material.renderer.rays.pixel_footprint import FEW, is_smooth
@@ -39,7 +37,7 @@ class Observations:
         available: how many pixels like these there are, by the share that was fit for use of those looked at.
         place: photograph, row and column of each; those of one photograph are next to each other.
         lossy: photographs that are compressed by blocks.
-        spot: which place of the surface each pixel sees, where they were chosen so that several see the same; None
+        point: which place of the surface each pixel sees, where they were chosen so that several see the same; None
             where the material is taken for even.
         bounded: pixels that are clipped, of which the radiance is a lower bound, channel by channel; None where none
             is among them.
@@ -52,7 +50,7 @@ class Observations:
     available: int
     place: Int[Tensor, "p 3"]
     lossy: frozenset[int] = frozenset()
-    spot: Int[Tensor, " p"] | None = None
+    point: Int[Tensor, " p"] | None = None
     bounded: Bool[Tensor, " p"] | None = None
 
     @property
@@ -66,11 +64,11 @@ class Observations:
         return torch.where(lossy[:, None], blocks, own).unique(dim=0, return_inverse=True)[1]
 
     def __getitem__(self, index: slice) -> Observations:
-        """Some of the pixels; of spots, none of which is bounded, all pixels of some."""
-        if self.spot is None:
+        """Some of the pixels; of points, none of which is bounded, all pixels of some."""
+        if self.point is None:
             return self._at(index)
-        chosen = torch.isin(self.spot, self.spot.unique()[index])
-        taken = {key: getattr(self, key)[chosen] for key in ("surface", "radiance", "place", "spot")}
+        chosen = torch.isin(self.point, self.point.unique()[index])
+        taken = {key: getattr(self, key)[chosen] for key in ("surface", "radiance", "place", "point")}
         return replace(self, **taken)
 
     @property
@@ -84,25 +82,13 @@ class Observations:
 
     @property
     def freedom(self) -> float:
-        """Share of the pixels' differences that is left when the spots' own colours have taken up theirs, in (0, 1]."""
-        if self.spot is None:
+        """Fraction of the pixels' differences that the points' own colours do not absorb, in (0, 1]."""
+        if self.point is None:
             return 1.0
-        return 1 - len(self.spot.unique()) / len(self.spot)
+        return 1 - len(self.point.unique()) / len(self.point)
 
 
-def choose_pixels(
-    photographs: Sequence[Photograph],
-    trace: Tracer,
-    scene_file: Path,
-    *,
-    count: int,
-    footprint: int,
-    seed: int,
-    materials: int = 1,
-    left_out: Collection[int] = (),
-    kept: Collection[int] = (),
-    progress: Callable[[float], None] = lambda share: None,
-) -> list[Observations | None]:
+def choose_pixels(request: PixelRequest, count: int) -> list[Observations | None]:
     """At most `count` pixels of each material, spread evenly over the angles at which the surface is seen.
 
     Only near grazing angles does reflectance tell n from k, and a photograph has few pixels there; an even spread
@@ -111,17 +97,10 @@ def choose_pixels(
     Clipped pixels come on top of them, a few for what they are worth: bounds.
 
     Args:
-        photographs: each contributes the same number of pixels, as far as it has them.
-        trace: of the object.
-        scene_file: for the error's sentence.
-        count: pixels wanted of each material, over all photographs.
-        footprint: rays along each side of a pixel; `EDGED` where most pixels of an object have an edge inside and not
-            just few rays are wanted.
-        seed: of the choice among many.
-        materials: how many the object has.
-        left_out: photographs that are not looked at.
-        kept: those of which pixels are taken though they mirror the object.
-        progress: told the share of the photographs that is done.
+        request: from what; its footprint gives way to `EDGED` where most pixels of an object have an edge inside and
+            not just few rays are wanted.
+        count: pixels wanted of each material over all photographs, of which each contributes the same number as far
+            as it has them.
 
     Returns:
         for each material its pixels; None where no photograph has any.
@@ -129,39 +108,36 @@ def choose_pixels(
     Raises:
         InputError: a camera sees nothing of the object where its mask is, or sees it from inside.
     """
-    quota = -(-count // (len(photographs) - len(left_out)))
-
-    def with_rays(along_side: int) -> list[Observations | None]:
-        generator = torch.Generator().manual_seed(seed)
-        parts: list[list[Observations]] = [[] for _ in range(materials)]
-        bounds: list[list[Observations]] = [[] for _ in range(materials)]
-        for i in range(len(photographs)):
-            if i in left_out:
-                continue
-            photograph = photographs[i]
-            progress(i / len(photographs))
-            place = (scene_file, f"photographs[{i}].camera")
-            candidates = _candidates(photograph, trace, CANDIDATES * quota * materials, generator)
-            require_front(candidates.centres, place)
-            found = [
-                _observe(photograph, i, trace, candidates, index, quota, along_side, index in kept)
-                for index in range(materials)
-            ]
-            if not any(found):
-                raise InputError(*place, value="", expected="a pixel that the object covers wholly; come nearer")
-            for part, each in zip(parts, found, strict=True):
-                part += [each] if each is not None else []
-            if (clipped := photograph.of_bounds) is not None:
-                few = max(1, quota // BOUNDS)
-                candidates = _candidates(clipped, trace, CANDIDATES * few * materials, generator)
-                for index, part in enumerate(bounds):
-                    each = _observe(clipped, i, trace, candidates, index, few, along_side, index in kept, strict=True)
-                    part += [each] if each is not None else []
-        return [_bounded(_joined(part, count), _joined(more, count)) for part, more in zip(parts, bounds, strict=True)]
-
-    chosen = with_rays(footprint)
+    chosen = _chosen(request, count)
     edged = any(part is not None and part.edged for part in chosen)
-    return with_rays(EDGED) if edged and FEW <= footprint**2 < EDGED**2 else chosen
+    refine = edged and FEW <= request.footprint**2 < EDGED**2
+    return _chosen(replace(request, footprint=EDGED), count) if refine else chosen
+
+
+def _chosen(request: PixelRequest, count: int) -> list[Observations | None]:
+    """The pixels of each material by rays of one footprint."""
+    quota, generator = -(-count // len(request.used)), torch.Generator().manual_seed(request.seed)
+    measured: list[list[Observations]] = [[] for _ in range(request.materials)]
+    bounds: list[list[Observations]] = [[] for _ in range(request.materials)]
+    for index in request.used:
+        photograph = request.photographs[index]
+        request.progress(index / len(request.photographs))
+        candidates = _candidates(request, photograph, index, quota, generator)
+        request.require_front(index, candidates.centres)
+        found = _observed(request, candidates, quota)
+        if not any(found):
+            raise request.unseen(index, "a pixel that the object covers wholly; come nearer")
+        _append(measured, found)
+        if (clipped := photograph.of_bounds) is not None:
+            few = max(1, quota // BOUNDS)
+            candidates = _candidates(request, clipped, index, few, generator)
+            _append(bounds, _observed(request, candidates, few, strict=True))
+    return [_bounded(_joined(part, count), _joined(more, count)) for part, more in zip(measured, bounds, strict=True)]
+
+
+def _append(parts: list[list[Observations]], found: list[Observations | None]) -> None:
+    for part, each in zip(parts, found, strict=True):
+        part += [each] if each is not None else []
 
 
 def _joined(parts: list[Observations], count: int) -> Observations | None:
@@ -199,27 +175,33 @@ class _Candidates:
     """Pixels of one photograph.
 
     Attributes:
+        photograph: that they are of.
+        number: of the photograph.
         pixels: row and column.
-        centres: the ray through each one's middle.
-        share: of the photograph's pixels that was looked at.
+        centres: the ray through the centre of each.
+        share: fraction of the photograph's pixels that was examined.
     """
 
+    photograph: Photograph
+    number: int
     pixels: Int[Tensor, "p 2"]
     centres: GBuffer
     share: float
 
     def of(self, material: int) -> _Candidates:
         chosen = self.centres.front & (self.centres.material == material)
-        return _Candidates(self.pixels[chosen], self.centres[chosen], self.share)
+        return replace(self, pixels=self.pixels[chosen], centres=self.centres[chosen])
 
 
-def _candidates(photograph: Photograph, trace: Tracer, most: int, generator: torch.Generator) -> _Candidates:
+def _candidates(
+    request: PixelRequest, photograph: Photograph, number: int, quota: int, generator: torch.Generator
+) -> _Candidates:
     inside, width = photograph.mask.flatten().nonzero()[:, 0], photograph.mask.shape[1]
-    drawn = inside[_drawn(len(inside), most, generator)]
+    drawn = inside[_drawn(len(inside), CANDIDATES * quota * request.materials, generator)]
     share = len(drawn) / max(1, len(inside))
     pixels = torch.stack([drawn // width, drawn % width], 1)
-    centres = gbuffer.pixel_footprints(trace, photograph.camera, pixels[:, 1], pixels[:, 0], 1)[:, 0]
-    return _Candidates(pixels, centres, share)
+    centres = gbuffer.pixel_footprints(request.trace, photograph.camera, pixels[:, 1], pixels[:, 0], 1)[:, 0]
+    return _Candidates(photograph, number, pixels, centres, share)
 
 
 def _drawn(count: int, most: int, generator: torch.Generator) -> Int[Tensor, " c"]:
@@ -233,42 +215,41 @@ def _drawn(count: int, most: int, generator: torch.Generator) -> Int[Tensor, " c
     return drawn[torch.randperm(len(drawn), generator=generator)]
 
 
-def _observe(
-    photograph: Photograph,
-    number: int,
-    trace: Tracer,
-    candidates: _Candidates,
-    material: int,
-    quota: int,
-    footprint: int,
-    kept: bool,
-    strict: bool = False,
-) -> Observations | None:
-    """The pixels of one material in one photograph, if it has any; those that mirror the object only if `kept`.
+def _observed(
+    request: PixelRequest, candidates: _Candidates, quota: int, strict: bool = False
+) -> list[Observations | None]:
+    """The pixels of each material in one photograph, None of one that has none there.
 
-    Where it has few others, they are taken nevertheless, unless that is `strict`.
+    Those that mirror the object are taken of materials that are `kept`, and where a material has few others, unless
+    that is `strict`.
     """
-    own = candidates.of(material)
+    return [_of_material(request, candidates.of(index), index, quota, strict) for index in range(request.materials)]
+
+
+def _of_material(
+    request: PixelRequest, own: _Candidates, material: int, quota: int, strict: bool
+) -> Observations | None:
     if not len(own.pixels):
         return None
-    mirrors_itself = torch.zeros_like(own.centres.hit) if kept else sees_itself(trace, own.centres)
+    kept, footprint = material in request.kept, request.footprint
+    mirrors_itself = torch.zeros_like(own.centres.hit) if kept else sees_itself(request.trace, own.centres)
     fewest = 0 if strict else max(1, min(quota, len(own.pixels)) // FEWEST)
-    usable = _freest(trace, own.centres, mirrors_itself, fewest)
+    usable = _freest(request.trace, own.centres, mirrors_itself, fewest)
     if not usable.any():
         return None
     pixels, n_dot_v = own.pixels[usable], own.centres.n_dot_v[usable]
     pixels = pixels[_evenly_by_angle(n_dot_v, quota + quota // 8)]  # some will not be whole
-    surface = gbuffer.pixel_footprints(trace, photograph.camera, pixels[:, 1], pixels[:, 0], footprint)
+    surface = gbuffer.pixel_footprints(request.trace, own.photograph.camera, pixels[:, 1], pixels[:, 0], footprint)
     whole = (surface.front & (surface.material == material)).all(-1)
     smooth = whole & without_edge(surface, footprint)
     edged = bool(2 * smooth.sum() < whole.sum())
     taken = whole if edged else smooth
     row, column = pixels[taken][:quota].T
-    radiance = photograph.radiance[row, column].double()
+    radiance = own.photograph.radiance[row, column].double()
     self_seeing = float(mirrors_itself.double().mean())
     available = round(len(n_dot_v) * float(taken.double().mean()) / own.share)
-    place = torch.stack([torch.full_like(row, number), row, column], 1)
-    lossy = frozenset([number] if photograph.lossy else [])
+    place = torch.stack([torch.full_like(row, own.number), row, column], 1)
+    lossy = frozenset([own.number] if own.photograph.lossy else [])
     found = Observations(surface[taken][:quota], radiance, self_seeing, edged, available, place, lossy)
     return found if len(radiance) else None
 
@@ -286,21 +267,6 @@ def _freest(trace: Tracer, centres: GBuffer, mirrors_itself: Bool[Tensor, " p"],
         return ~mirrors_itself
     least = hidden_share(trace, centres).argsort(stable=True)[:fewest]
     return torch.zeros_like(mirrors_itself).index_fill(0, least, True)
-
-
-def require_front(centres: GBuffer, place: tuple[Path, str]) -> None:
-    if not centres.hit.any():
-        expected = (
-            f"a camera that sees the object in the pixels its photograph shows, but none of {len(centres.hit)} tried"
-            " meets it: the object is outside the frame, or pose or field of view are wrong"
-        )
-        raise InputError(*place, value="", expected=expected)
-    if not centres.front.any():
-        expected = (
-            "a camera outside the object, but every ray meets the back of its surface:"
-            " the camera is inside the object, or the mesh's faces are wound inside out"
-        )
-        raise InputError(*place, value="", expected=expected)
 
 
 def _evenly_by_angle(n_dot_v: Float[Tensor, " p"], count: int) -> Int[Tensor, " c"]:

@@ -16,17 +16,18 @@ from fit_material.fitter.fitted.nuisance_estimates import guessed, turned
 from fit_material.fitter.fitted.part import FittedPart
 from fit_material.fitter.fitted.summary import fitted_material
 from fit_material.fitter.forward.lighting import Lighting
-from fit_material.fitter.forward.textured_pixels import SpottedPixels
+from fit_material.fitter.forward.textured_pixels import MultiViewPixels
 from fit_material.fitter.least_squares.nuisances import Nuisances
 from fit_material.fitter.least_squares.solvers import SOLVERS, Solver
 from fit_material.fitter.materials.metal import MetalCoordinates
 from fit_material.fitter.metal_prior.substitution import borrow
+from fit_material.fitter.observations.pixel_request import PixelRequest
 from fit_material.fitter.observations.pixel_selection import Observations
 from fit_material.fitter.observations.scene_data import Loaded, kinds_of
 from fit_material.fitter.options.fidelity import Fidelity
 from fit_material.fitter.options.fit_options import FitOptions, Prior
 from fit_material.fitter.options.progress import Progress
-from fit_material.fitter.pipeline.pixel_request import PixelRequest, PixelsByCount
+from fit_material.fitter.pipeline.pixels_by_count import PixelsByCount
 from fit_material.fitter.result.schema import Nearest
 from fit_material.fitter.uncertainty.active_bound import reported
 from fit_material.renderer.rays.gbuffer import Tracer
@@ -65,10 +66,9 @@ def fit_parts(
         seed=options.seed,
         left_out=loaded.repeated,
         kept=kept,
-        by_points="color" in options.maps,
         progress=lambda share: progress("choosing pixels", share),
     )
-    pixels = PixelsByCount(request)
+    pixels = PixelsByCount(request, by_points="color" in options.maps)
     parts = []
     for index, observed in enumerate(pixels.of(_first_count(lighting.fidelity, options.tolerance))):
         if observed is None:
@@ -185,7 +185,7 @@ def _part(
     if not lighting.fidelity.blurs and fit.material.width is not None:
         model = fit.residuals.model
         tint = None
-        if isinstance(model, SpottedPixels) and fit.material.color is not None:
+        if isinstance(model, MultiViewPixels) and fit.material.color is not None:
             tint = model.tint(fit.material)
         rho = viewer_roughness(observed.measured, lighting.viewers, fit.material, tint)
     borrowed = borrow(fit, uncertainty, prior)

@@ -142,7 +142,7 @@ def _albedo(part: FittedPart, parts: Sequence[FittedPart]) -> Albedo:
 
 
 def _on_spots(part: FittedPart) -> str:
-    if part.observed.spot is not None:
+    if part.observed.point is not None:
         return ""
     return (
         "Hardly any place is seen by two photographs: what the material mirrors was fitted as if its colour were even. "

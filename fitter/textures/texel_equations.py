@@ -40,7 +40,6 @@ MIRRORED = 32  # rays of each pixel in which it looks for the object that it mir
 MOST_MIRRORED = 1 << 24  # of all pixels
 FEWEST_PLACES = 8  # that may stand for a material
 AT_ONCE = 1 << 15  # pixels
-TENSORS = ("uv", "area", "seen", "surface", "far", "sources", "even")
 
 
 @dataclass(frozen=True)
@@ -68,6 +67,39 @@ class TexelEquations:
     even: Float[Tensor, "p 3"]
     mixing: Sparse | None = None
     itself: Transfer | None = None
+
+    @staticmethod
+    def none() -> TexelEquations:
+        """No pixels."""
+        nothing = torch.zeros(0, 3, dtype=torch.float64)
+        return TexelEquations(
+            uv=torch.zeros(0, SIDE**2, 2),
+            area=torch.zeros(0),
+            seen=nothing,
+            surface=nothing,
+            far=nothing,
+            sources=nothing,
+            even=nothing,
+        )
+
+    @staticmethod
+    def concatenate(parts: Sequence[TexelEquations]) -> TexelEquations:
+        """The pixels of all parts; of none, no pixels."""
+        if not parts:
+            return TexelEquations.none()
+        mixings = [each.mixing for each in parts if each.mixing is not None]
+        mirrors = [each.itself for each in parts if each.itself is not None]
+        return TexelEquations(
+            uv=torch.cat([each.uv for each in parts]),
+            area=torch.cat([each.area for each in parts]),
+            seen=torch.cat([each.seen for each in parts]),
+            surface=torch.cat([each.surface for each in parts]),
+            far=torch.cat([each.far for each in parts]),
+            sources=torch.cat([each.sources for each in parts]),
+            even=torch.cat([each.even for each in parts]),
+            mixing=sparse.vstack(mixings, "csr") if mixings else None,
+            itself=Transfer.joined(mirrors) if mirrors else None,
+        )
 
     def mirrored(self, light: DiffuseLight | None) -> Float[np.ndarray, "p 3"]:
         """Light that is mirrored, where diffuse light is as it is at places; None for far surroundings alone."""
@@ -160,14 +192,7 @@ def _rows(about: _About, photograph: Photograph, width: int) -> TexelEquations:
         usable = own.all(-1)
         if usable.any():
             parts.append(_lit(about, surface[usable], radiance[row[usable], column[usable]].double()))
-    if not parts:
-        none = torch.zeros(0, 3, dtype=torch.float64)
-        return TexelEquations(torch.zeros(0, SIDE**2, 2), torch.zeros(0), none, none, none, none, none)
-    uv, area, seen, surface, far, sources, even = (torch.cat([getattr(each, key) for each in parts]) for key in TENSORS)
-    mixing = None if about.found is None else sparse.vstack([each.mixing for each in parts], "csr")
-    mirrors = [each.itself for each in parts if each.itself is not None]
-    itself = Transfer.joined(mirrors) if mirrors else None
-    return TexelEquations(uv, area, seen, surface, far, sources, even, mixing, itself)
+    return TexelEquations.concatenate(parts)
 
 
 def _blocks(photograph: Photograph, width: int) -> tuple[Float[Tensor, "h w 3"], Bool[Tensor, "h w"]]:
@@ -210,7 +235,15 @@ def _lit(about: _About, surface: GBuffer, seen: Float[Tensor, "p 3"]) -> TexelEq
             material, lighting, centre, Looking(about.trace, _occluder(lighting), found.places), about.rays
         )
     return TexelEquations(
-        surface.uv.float(), _texture_area(surface), seen, mirrored, far, sources, even, mixing, itself
+        uv=surface.uv.float(),
+        area=_texture_area(surface),
+        seen=seen,
+        surface=mirrored,
+        far=far,
+        sources=sources,
+        even=even,
+        mixing=mixing,
+        itself=itself,
     )
 
 

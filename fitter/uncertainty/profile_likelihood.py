@@ -1,19 +1,22 @@
-"""Intervals by profile likelihood, for where the valley of a fit is curved and its ellipse lies.
+"""Profile-likelihood intervals by damped sequential quadratic programming.
 
-A quantity q reaches to where it is extreme among all free vectors that fit nearly as well as the one reported,
+The interval of a quantity q ends where q is extreme among all free vectors that fit nearly as well as the one reported,
 
     extremes of q(x') over D(x') ≤ κ χ²,   D(x') = |R(x') - δ|² - |R(x) - δ|²,   χ² = 1.96²
 
 which are where q's profile crosses that level [Venzon & Moolgavkar 1988, eq. 3]. R are residuals; δ, the part of them
-that would move x, is taken away because x is freed of bias and so not quite R's own minimum. κ, the sandwich's variance
-of q over that of the inverse information, says how far the noise is from what the weights hold it for
-[Royall & Tsou 2003].
+that would move x, is subtracted because x is freed of bias and so not quite R's own minimum. κ, the sandwich's variance
+of q over that of the inverse information, is how far the noise is from what the weights assume [Royall & Tsou 2003].
+
+Each end is a constrained extremum of its own; all are sought at once. Only where the ellipsoid of the covariance fails,
+because the residuals are curved, is anything sought.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
 import torch
 from jaxtyping import Bool, Float, Int
@@ -35,7 +38,7 @@ LONGEST = 1.0  # of a step in any free number: sigmoids and tints bend within it
 FARTHEST = 3.0  # of a start in any free number
 DAMPING, LEAST_DAMPING = 1.0, 1e-9  # deviance per squared free number
 SOFTER, HARDER = 0.2, 5.0  # factors on the damping after a step that helped, and after one that did not
-OVERSHOT = 2.0  # price of deviance that is not wanted over its worth in the quantity: more than 1, or it would grow
+OVERSHOT = 2.0  # price of deviance beyond the bound over what it gains in the quantity: more than 1, or it would grow
 UNRELATED = 1e4  # κ, from which weights and scatter have nothing to do with each other
 
 
@@ -59,60 +62,70 @@ def profiled(residual: Function, x: Float[Tensor, " x"], spread: Covariance, qua
         lower and upper ends: in order, around the value, finite where the ellipsoid's are.
     """
     ellipse = torch.stack(intervals95(quantity, x, spread))
-    turns, along, way = _turning(quantity, x, spread)
-    slope = torch.where(turns[:, None], torch.eye(len(x), dtype=x.dtype)[along], jacobian(quantity, x))
-    valley = Deviance.around(residual, quantity, x, dispersion_of(residual, x, slope, spread))
-    ends = _Ends.of((valley.dispersion < UNRELATED) & ellipse.isfinite().all(0))
-    ends = ends.only(turns[ends.index] | ~_ellipse_holds(valley, ends))
-    turned = ends.only(turns[ends.index])
-    aside = [x + side * way[turned.index] for side in (-1, 1)]
+    folded, along, way = _folds(quantity, x, spread)
+    slope = torch.where(folded[:, None], torch.eye(len(x), dtype=x.dtype)[along], jacobian(quantity, x))
+    constraint = Deviance.around(residual, quantity, x, dispersion_of(residual, x, slope, spread))
+    ends = IntervalEnds.of((constraint.dispersion < UNRELATED) & ellipse.isfinite().all(0))
+    ends = ends.only(folded[ends.index] | ~_ellipse_converged(constraint, ends))
+    refolded = ends.only(folded[ends.index])
+    aside = [x + side * way[refolded.index] for side in (-1, 1)]
     starts = torch.cat([x.expand(len(ends.index), -1), *aside])
     if not len(starts):
         return ellipse[0], ellipse[1]
-    every = _Ends(*(torch.cat([part, again, again]) for part, again in zip(ends, turned, strict=True)))
-    return _joined(ellipse, *_searched(_State.at(valley, every, starts)))
+    every = IntervalEnds.concatenate([ends, refolded, refolded])
+    return _combined(ellipse, *_searched(_Iterates.at(constraint, every, starts)))
 
 
-def _ellipse_holds(valley: Deviance, ends: _Ends) -> Bool[Tensor, " e"]:
-    """Whether a step to the ends as they would be in a straight valley leads to the ends."""
+def _ellipse_converged(constraint: Deviance, ends: IntervalEnds) -> Bool[Tensor, " e"]:
+    """Whether one step to the ends of linear residuals leads to the ends."""
     if not len(ends.index):
         return torch.zeros(0, dtype=torch.bool)
-    state = _State.at(valley, ends, valley.x.expand(len(ends.index), -1))
-    step, _ = state.step(LEAST_DAMPING, longest=torch.inf)
-    return _State.at(valley, ends, state.x + step).holds(*ELLIPSE_HOLDS)
+    iterates = _Iterates.at(constraint, ends, constraint.x.expand(len(ends.index), -1))
+    step, _ = iterates.step(LEAST_DAMPING, longest=torch.inf)
+    return _Iterates.at(constraint, ends, iterates.x + step).converged(*ELLIPSE_HOLDS)
 
 
-class _Ends(NamedTuple):
-    """Which quantities' ends are sought, [e], and on which side of the value, -1 or 1."""
+@dataclass(frozen=True)
+class IntervalEnds:
+    """Ends of intervals.
+
+    Attributes:
+        index: of the quantity.
+        side: of its value, -1 or 1.
+    """
 
     index: Int[Tensor, " e"]
     side: Float[Tensor, " e"]
 
     @staticmethod
-    def of(known: Bool[Tensor, " q"]) -> _Ends:
+    def of(known: Bool[Tensor, " q"]) -> IntervalEnds:
         """Both ends of these."""
         index = known.nonzero()[:, 0]
         sides = torch.ones(len(index), dtype=torch.float64)
-        return _Ends(torch.cat([index, index]), torch.cat([-sides, sides]))
+        return IntervalEnds(torch.cat([index, index]), torch.cat([-sides, sides]))
 
-    def only(self, which: Bool[Tensor, " e"]) -> _Ends:
-        return _Ends(self.index[which], self.side[which])
+    def only(self, which: Bool[Tensor, " e"]) -> IntervalEnds:
+        return IntervalEnds(self.index[which], self.side[which])
+
+    @staticmethod
+    def concatenate(parts: Sequence[IntervalEnds]) -> IntervalEnds:
+        return IntervalEnds(torch.cat([each.index for each in parts]), torch.cat([each.side for each in parts]))
 
 
 @dataclass(frozen=True)
-class _State:
-    """Free vectors on their ways to the ends, all at once.
+class _Iterates:
+    """Iterates of the search for each end.
 
     Attributes:
-        valley: that they are in.
-        ends: they seek.
+        constraint: deviance, and its bound.
+        ends: that are sought.
         x: the free vectors.
         deviance, gradient, information: as `Deviance.deviance` has it.
-        distance, slope: of the quantity from the value, outwards, and its gradient.
+        distance, slope: of the quantity from its value, outwards, and the gradient of that.
     """
 
-    valley: Deviance
-    ends: _Ends
+    constraint: Deviance
+    ends: IntervalEnds
     x: Float[Tensor, "e x"]
     deviance: Float[Tensor, " e"]
     gradient: Float[Tensor, "e x"]
@@ -121,23 +134,23 @@ class _State:
     slope: Float[Tensor, "e x"]
 
     @staticmethod
-    def at(valley: Deviance, ends: _Ends, x: Float[Tensor, "e x"]) -> _State:
-        values, slopes = jacobians(valley.quantity, x)
+    def at(constraint: Deviance, ends: IntervalEnds, x: Float[Tensor, "e x"]) -> _Iterates:
+        values, slopes = jacobians(constraint.quantity, x)
         each = torch.arange(len(x))
-        distance = ends.side * (values - valley.quantity(valley.x))[each, ends.index]
+        distance = ends.side * (values - constraint.quantity(constraint.x))[each, ends.index]
         slope = ends.side[:, None] * slopes[each, ends.index]
-        return _State(valley, ends, x, *valley.deviance(x), distance, slope)
+        return _Iterates(constraint, ends, x, *constraint.deviance(x), distance, slope)
 
     @property
     def wanted(self) -> Float[Tensor, " e"]:
-        return self.valley.wanted[self.ends.index]
+        return self.constraint.wanted[self.ends.index]
 
     def step(self, damping: Float[Tensor, " e"] | float, longest: float = LONGEST) -> tuple[Tensor, Tensor]:
-        """To where the linearised quantity is extreme in the linearised residuals' ellipsoid D = κ χ²; and D's price.
+        """Solution of the linearised problem, and the Lagrange multiplier of its constraint D = κ χ².
 
             d = -H⁻¹g + ρ H⁻¹a,   H = JᵀJ + damping,   ρ² = (κ χ² - D + gᵀH⁻¹g)/aᵀH⁻¹a
 
-        Its fixed points are the ends, whatever the damping. The price, 2ρ, is what deviance one more of q costs there.
+        Its fixed points are the ends, whatever the damping. The multiplier, 2ρ, is the deviance per unit of q there.
         """
         damped = self.information + torch.as_tensor(damping).reshape(-1, 1, 1) * torch.eye(self.x.shape[1]).double()
         solved = torch.linalg.solve_ex(damped, torch.stack([-self.gradient, self.slope], -1)).result
@@ -147,21 +160,21 @@ class _State:
         step = down + rho[:, None] * outwards
         return step * (longest / step.abs().amax(-1)).clamp_max(1)[:, None], 2 * rho
 
-    def fits(self) -> Bool[Tensor, " e"]:
-        """Which free vectors fit nearly as well as the one reported."""
+    def feasible(self) -> Bool[Tensor, " e"]:
+        """Which iterates satisfy the constraint, up to `CLOSE`."""
         return self.deviance <= (1 + CLOSE[0]) * self.wanted
 
-    def holds(self, of_deviance: float, of_distance: float) -> Bool[Tensor, " e"]:
-        """Which are at their ends: a step would take them no further."""
+    def converged(self, of_deviance: float, of_distance: float) -> Bool[Tensor, " e"]:
+        """Which iterates are at their ends: feasible, and another step would not take them further."""
         ahead = (self.slope * self.step(LEAST_DAMPING)[0]).sum(-1)
         return (self.deviance <= (1 + of_deviance) * self.wanted) & (ahead.abs() <= of_distance * self.distance)
 
-    def worth(self, price: Float[Tensor, " e"]) -> Float[Tensor, " e"]:
-        """What is to become large on the way: the distance, less what deviance beyond the one wanted costs."""
+    def merit(self, price: Float[Tensor, " e"]) -> Float[Tensor, " e"]:
+        """Merit function: the distance, less an exact penalty on deviance beyond the bound."""
         return price * self.distance - OVERSHOT * (self.deviance - self.wanted).clamp_min(0)
 
-    def or_else(self, other: _State, where: Bool[Tensor, " e"]) -> _State:
-        """This one, but the other where told."""
+    def blended(self, other: _Iterates, where: Bool[Tensor, " e"]) -> _Iterates:
+        """These iterates, replaced by `other` where chosen."""
 
         def either(mine: Tensor, its: Tensor) -> Tensor:
             return torch.where(where.reshape(-1, *[1] * (mine.dim() - 1)), its, mine)
@@ -170,28 +183,31 @@ class _State:
         return replace(self, **{name: either(getattr(self, name), getattr(other, name)) for name in names})
 
 
-def _searched(state: _State) -> tuple[_State, Bool[Tensor, " e"]]:
-    """The farthest states that fit, and which of them are at their ends."""
-    damping, best = torch.full_like(state.distance, DAMPING), state
+def _searched(iterates: _Iterates) -> tuple[_Iterates, Bool[Tensor, " e"]]:
+    """The farthest feasible iterates, and which of them are at their ends."""
+    damping, farthest = torch.full_like(iterates.distance, DAMPING), iterates
     for _ in range(MOST_STEPS):
-        best = best.or_else(state, state.fits() & ((state.distance > best.distance) | ~best.fits()))
-        found = state.holds(*CLOSE)
-        if found.all():
+        farther = (iterates.distance > farthest.distance) | ~farthest.feasible()
+        farthest = farthest.blended(iterates, iterates.feasible() & farther)
+        converged = iterates.converged(*CLOSE)
+        if converged.all():
             break
-        step, price = state.step(damping)
-        after = _State.at(state.valley, state.ends, state.x + step)
-        better = after.worth(price) > state.worth(price)
-        state, damping = state.or_else(after, better), damping * torch.where(better, SOFTER, HARDER)
-    return best, found
+        step, price = iterates.step(damping)
+        after = _Iterates.at(iterates.constraint, iterates.ends, iterates.x + step)
+        better = after.merit(price) > iterates.merit(price)
+        iterates, damping = iterates.blended(after, better), damping * torch.where(better, SOFTER, HARDER)
+    return farthest, converged
 
 
-def _turning(
+def _folds(
     quantity: Function, x: Float[Tensor, " x"], spread: Covariance
 ) -> tuple[Bool[Tensor, " q"], Int[Tensor, " q"], Float[Tensor, "q x"]]:
-    """Which quantities turn round within the ellipsoid, so that two ways lead to one end, as k does where n = 1.
+    """Quantities that have an extremum within the ellipsoid, as k has where n = 1, so that two ways lead to one end.
 
-    Their slope at x says little of them. Next to it, along which free number they turn, and the way to the ellipsoid's
-    end in that number.
+    Their slope at x is no guide.
+
+    Returns:
+        which they are; along which free number they fold, and the way to the ellipsoid's end in that number.
     """
     sigma = spread.covariance.diagonal().clamp_min(torch.finfo(x.dtype).tiny).sqrt()
     ways = TWO_SIDED_95 * spread.covariance / sigma[:, None]
@@ -204,20 +220,20 @@ def _turning(
     return even.amax(0) > ELLIPSE_HOLDS[1] * half_width, along, ways[along]
 
 
-def _joined(ellipse: Float[Tensor, "2 q"], best: _State, found: Bool[Tensor, " e"]) -> Extent:
-    """The ends that were searched for, the ellipsoid's of the others; the wider of both where a search did not end.
+def _combined(ellipse: Float[Tensor, "2 q"], farthest: _Iterates, converged: Bool[Tensor, " e"]) -> Extent:
+    """Ends that were searched for, the ellipsoid's of the others; the wider of both where a search did not converge.
 
-    What was met on the way to one end counts for all others.
+    A feasible iterate on the way to one end counts for all others.
     """
-    valley, (index, side) = best.valley, best.ends
-    values, value = torch.vmap(valley.quantity)(best.x), valley.quantity(valley.x)
-    inside = (best.deviance[:, None] <= (1 + CLOSE[0]) * valley.wanted) & values.isfinite()
+    constraint, index, side = farthest.constraint, farthest.ends.index, farthest.ends.side
+    values, value = torch.vmap(constraint.quantity)(farthest.x), constraint.quantity(constraint.x)
+    inside = (farthest.deviance[:, None] <= (1 + CLOSE[0]) * constraint.wanted) & values.isfinite()
     low = torch.where(inside, values, torch.inf).amin(0).minimum(value)
     high = torch.where(inside, values, -torch.inf).amax(0).maximum(value)
     sought, ended = torch.zeros_like(ellipse, dtype=torch.bool), torch.zeros_like(ellipse, dtype=torch.bool)
     sides = (side > 0).long()
     sought[sides, index] = True
-    ended[sides[found], index[found]] = True
+    ended[sides[converged], index[converged]] = True
     widest = torch.stack([low.minimum(ellipse[0]), high.maximum(ellipse[1])])
     ends = torch.where(sought, torch.where(ended, torch.stack([low, high]), widest), ellipse)
     return ends[0], ends[1]

@@ -14,6 +14,7 @@ from fit_material.fitter.estimation.coarse_to_fine import Fit, Problem, fit_mate
 from fit_material.fitter.forward.lighting import Lighting
 from fit_material.fitter.least_squares.covariance import sandwich_covariance, standard_errors
 from fit_material.fitter.least_squares.solvers import SOLVERS
+from fit_material.fitter.observations.pixel_request import PixelRequest
 from fit_material.fitter.observations.pixel_selection import choose_pixels
 from fit_material.fitter.observations.scene_data import Loaded, load
 from fit_material.fitter.options.fidelity import PRESETS
@@ -51,9 +52,8 @@ def _problems(case: Case, variant: str) -> tuple[Problem, GBuffer]:
     loaded, fidelity = load(scene), PRESETS["standard"]
     trace = gbuffer.tracer(loaded.shape)
 
-    (chosen,) = choose_pixels(
-        loaded.photographs, trace, scene, count=fidelity.pixels, footprint=fidelity.footprint, seed=0
-    )
+    request = PixelRequest(loaded.photographs, trace, scene, fidelity.footprint, seed=0)
+    (chosen,) = choose_pixels(request, fidelity.pixels)
     assert chosen is not None
     lighting = Lighting(loaded.environment, (), fidelity)
     problem = Problem(chosen, lighting, SOLVERS["lm"], lambda stage, share: None)

@@ -19,6 +19,7 @@ from jaxtyping import Float
 from fit_material.fitter.estimation.coarse_to_fine import Problem, rounds
 from fit_material.fitter.forward.lighting import lighting_for
 from fit_material.fitter.least_squares.solvers import SOLVERS, compiling
+from fit_material.fitter.observations.pixel_request import PixelRequest
 from fit_material.fitter.observations.pixel_selection import choose_pixels
 from fit_material.fitter.observations.scene_data import Loaded, load
 from fit_material.fitter.pipeline.fit_scene import FitOptions, fit_scene
@@ -171,9 +172,7 @@ def _rounds(loaded: Loaded, scene: Path) -> Iterator[State]:
     lighting, trace = lighting_for(loaded, options, torch.device("cpu")), gbuffer.tracer(loaded.shape)
     count, footprint = lighting.fidelity.pixels, lighting.fidelity.footprint
     with one_thread_per_operation():
-        (observed,) = choose_pixels(
-            loaded.photographs, trace, scene, count=count, footprint=footprint, seed=options.seed
-        )
+        (observed,) = choose_pixels(PixelRequest(loaded.photographs, trace, scene, footprint, options.seed), count)
         assert observed is not None
         problem = Problem(observed, lighting, SOLVERS[options.solver], lambda stage, share: None)
         for fit in rounds(problem, "metal"):

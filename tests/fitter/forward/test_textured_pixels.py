@@ -1,4 +1,4 @@
-"""The parts of a colour map's fit against closed forms: spots, texels, holes and seams."""
+"""The parts of a colour map's fit against closed forms: points, texels, holes and seams."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from fit_material.fitter.forward.pixel_model import PixelModel
-from fit_material.fitter.forward.textured_pixels import SpottedPixels, TintedPixels
+from fit_material.fitter.forward.textured_pixels import MultiViewPixels, TintedPixels
 from fit_material.fitter.observations.multi_view_points import _interpolated, _interpolated_width
 from fit_material.fitter.textures.texel_equations import TexelEquations
 from fit_material.fitter.textures.texel_solver import solve, texture_size
@@ -54,18 +54,18 @@ def of_color(kind: str, color: torch.Tensor) -> Glossy | Matte:
 
 @pytest.mark.parametrize("kind", ["glossy", "matte"])
 def test_spots_have_the_colours_of_least_squares(kind):
-    spot = torch.tensor([3, 3, 3, 7, 7, 9, 9, 9, 9])
+    point = torch.tensor([3, 3, 3, 7, 7, 9, 9, 9, 9])
     model, seen, weight = Lit(random(9, 3), random(9, 3) + 0.1), random(9, 3) + 1, random(9, 3) + 0.5
     material = of_color(kind, torch.tensor([0.2, 0.4, 0.6], dtype=torch.float64))
     surface = model.mirrored if kind == "glossy" else torch.zeros_like(model.body)
     color = torch.zeros(9, 3, dtype=torch.float64)
     for number in (3, 7, 9):
-        own = spot == number
+        own = point == number
         for c in range(3):
             unknown, known = (weight * model.body)[own, c, None], (weight * (seen - surface))[own, c, None]
             color[own, c] = torch.linalg.lstsq(unknown, known).solution[0, 0]
-    tint = color / torch.stack([color[spot == number][0] for number in (3, 7, 9)]).mean(0)
-    pixels = SpottedPixels(model, spot, seen, weight)
+    tint = color / torch.stack([color[point == number][0] for number in (3, 7, 9)]).mean(0)
+    pixels = MultiViewPixels(model, point, seen, weight)
     torch.testing.assert_close(pixels.tint(material), tint)
     torch.testing.assert_close(pixels.radiance(material), surface + material.color * tint * model.body)
 

@@ -22,6 +22,7 @@ from fit_material.fitter.least_squares.solvers import SOLVERS
 from fit_material.fitter.materials.coordinates import WidthInterval
 from fit_material.fitter.materials.metal import MetalCoordinates
 from fit_material.fitter.observations.photograph import Photograph, read_photograph
+from fit_material.fitter.observations.pixel_request import PixelRequest
 from fit_material.fitter.observations.pixel_selection import BOUNDS, choose_pixels
 from fit_material.fitter.options.fidelity import PRESETS, preset
 from fit_material.fitter.pipeline.fit_scene import FitOptions, fit_scene
@@ -101,7 +102,7 @@ def clipped(size: int, share: float) -> Photograph:
 def test_bounds_come_on_top_of_the_pixels_that_are_wanted():
     seen, count = [clipped(96, 0.3), photograph(), clipped(96, 0.1)], 600
     trace = gbuffer.tracer(Sphere())
-    (found,) = choose_pixels(seen, trace, Path("scene.toml"), count=count, footprint=2, seed=0)
+    (found,) = choose_pixels(PixelRequest(seen, trace, Path("scene.toml"), 2, seed=0), count)
     assert found is not None
     assert found.bounded is not None
     assert len(found.measured.radiance) == count
@@ -120,7 +121,7 @@ def test_bounds_come_on_top_of_the_pixels_that_are_wanted():
 def test_no_bound_is_taken_where_the_object_mirrors_itself():
     """Of the bowl's inside no pixel is free of that; measured ones are taken nevertheless, the least of them."""
     inside = replace(clipped(96, 0.3), camera=photograph((0.0, 4.0, 0.1)).camera)
-    (found,) = choose_pixels([inside], gbuffer.tracer(bowl()), Path("scene.toml"), count=64, footprint=1, seed=0)
+    (found,) = choose_pixels(PixelRequest([inside], gbuffer.tracer(bowl()), Path("scene.toml"), 1, seed=0), 64)
     assert found is not None
     assert found.bounded is None
 

@@ -125,6 +125,7 @@ import json, sys
 from pathlib import Path
 from fit_material.fitter.observations import album
 from fit_material.fitter.observations.scene_data import load
+from fit_material.fitter.observations.pixel_request import PixelRequest
 from fit_material.fitter.observations.pixel_selection import choose_pixels
 from fit_material.renderer.rays import gbuffer
 album.KEPT = 0
@@ -133,7 +134,7 @@ def peak():  # getrusage's is at least that of the process which began this one
     return int(lines["VmHWM"].split()[0])
 loaded = load(Path(sys.argv[1]))
 before = peak()
-found, = choose_pixels(loaded.photographs, gbuffer.tracer(loaded.shape), Path("s.toml"), count=100, footprint=2, seed=0)
+found, = choose_pixels(PixelRequest(loaded.photographs, gbuffer.tracer(loaded.shape), Path("s.toml"), 2, seed=0), 100)
 thumbnails = loaded.photographs.thumbnails
 print(json.dumps([len(found.radiance), len(thumbnails), peak() - before]))
 """

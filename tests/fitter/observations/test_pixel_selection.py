@@ -12,6 +12,7 @@ import trimesh
 
 from fit_material.fitter.observations import pixel_selection
 from fit_material.fitter.observations.photograph import Photograph
+from fit_material.fitter.observations.pixel_request import PixelRequest
 from fit_material.fitter.observations.pixel_selection import ANGLE_BINS, EDGED, choose_pixels
 from fit_material.renderer.cameras.camera import Camera, look_at
 from fit_material.renderer.errors.input_error import InputError
@@ -36,7 +37,7 @@ def choose(
     footprint: int = 2,
 ):
     trace = gbuffer.tracer(shape)
-    (found,) = choose_pixels(photographs, trace, Path("scene.toml"), count=count, footprint=footprint, seed=seed)
+    (found,) = choose_pixels(PixelRequest(photographs, trace, Path("scene.toml"), footprint, seed), count)
     assert found is not None
     return found
 
@@ -59,9 +60,9 @@ def test_every_chosen_pixel_is_covered_wholly_and_from_the_front():
 def test_a_photograph_that_is_left_out_changes_nothing():
     """Neither is it looked at, nor does it take a share of the pixels."""
     trace = gbuffer.tracer(Sphere())
-    told = {"count": 300, "footprint": 2, "seed": 0}
-    (one,) = choose_pixels([photograph()], trace, Path("scene.toml"), **told)
-    (two,) = choose_pixels([photograph(), photograph()], trace, Path("scene.toml"), **told, left_out={1})
+    one_photograph = PixelRequest([photograph()], trace, Path("scene.toml"), footprint=2, seed=0)
+    (one,) = choose_pixels(one_photograph, 300)
+    (two,) = choose_pixels(replace(one_photograph, photographs=[photograph(), photograph()], left_out={1}), 300)
     assert one is not None
     assert two is not None
     assert torch.equal(one.radiance, two.radiance)
@@ -189,8 +190,8 @@ def halves() -> Mesh:
 def test_each_material_gets_its_own_pixels():
     """Seen along x and along z; both photographs show the upper material, only one the lower."""
     seen = [photograph((4.0, 0.0, 0.0)), photograph((0.0, 0.001, 4.0))]
-    options = {"count": 400, "footprint": 2, "seed": 0, "materials": 3}
-    above, below, nowhere = choose_pixels(seen, gbuffer.tracer(halves()), Path("scene.toml"), **options)
+    request = PixelRequest(seen, gbuffer.tracer(halves()), Path("scene.toml"), footprint=2, seed=0, materials=3)
+    above, below, nowhere = choose_pixels(request, 400)
     assert nowhere is None
     for index, found in enumerate((above, below)):
         assert (found.surface.material == index).all()

@@ -11,6 +11,7 @@ import trimesh
 from hypothesis import given
 from hypothesis import strategies as st
 
+from fit_material.fitter.observations.pixel_request import PixelRequest
 from fit_material.fitter.observations.pixel_selection import choose_pixels
 from fit_material.fitter.observations.view_sampling import ANGLE_BINS, histogram, sampled_views, taken_evenly
 from fit_material.renderer.cameras.camera import Camera
@@ -89,7 +90,7 @@ def test_the_picture_is_counted_by_a_sample(shape):
 def test_a_fit_takes_what_is_foreseen():
     """Of two photographs, as many pixels of each angle as `choose_pixels` takes: within 4 √N and the rim's whims."""
     pictures = [photograph(size=64), photograph((4.0, 0.0, 0.0), size=64)]
-    (chosen,) = choose_pixels(pictures, gbuffer.tracer(Sphere()), Path("s.toml"), count=1000, footprint=2, seed=0)
+    (chosen,) = choose_pixels(PixelRequest(pictures, gbuffer.tracer(Sphere()), Path("s.toml"), 2, seed=0), 1000)
     assert chosen is not None
     foreseen = sum(taken_evenly(view(each.camera, Sphere())[0].available, 500) for each in pictures)
     middle = chosen.surface.n_dot_v.mean(1)
