@@ -14,7 +14,7 @@ def perturbed(
     handedness: Float[Tensor, "*p 1"],
     texel: Float[Tensor, "*p 3"],
 ) -> Float[Tensor, "*p 3"]:
-    """The surface's normal, turned as a normal map says.
+    """The surface's normal, perturbed by a normal map.
 
         n = normalise(normal)
         t = normalise(tangent - (n·tangent) n)

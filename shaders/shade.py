@@ -51,7 +51,7 @@ class Points:
 
     @property
     def n_dot_v(self) -> Float[Tensor, "*p 1"]:
-        """Cosine between normal and view, 0 where the normal is turned away."""
+        """Cosine between normal and view, 0 where the normal faces away."""
         return (self.normal * self.view).sum(-1, keepdim=True).clamp(0, 1)
 
     @property
@@ -86,7 +86,7 @@ class EnvironmentLight(Illumination):
     """Light of an environment that is looked up.
 
     Attributes:
-        radiance: L by direction: the far environment's, or of what the object's own captured cubemap holds.
+        radiance: L by direction: the far environment's, or that of the object's own captured cubemap.
         depth: d = 1 - near/D in [0, 1) by direction, 1 for the sky; None where nothing is near [MODEL.md 3.3].
     """
 

@@ -1,4 +1,4 @@
-"""From linear radiance to what a display shows: exposure, a curve for what is too bright, the sRGB code.
+"""From linear radiance to a display's code: exposure, a tone curve, sRGB.
 
 GLSL twin: shaders/glsl/tone_mapping.glsl.
 """
@@ -33,7 +33,7 @@ def tone_mapped(radiance: Float[Tensor, "*p 3"], exposure: float = 0.0, curve: s
 
 
 def clamped(radiance: Float[Tensor, "*p 3"]) -> Float[Tensor, "*p 3"]:
-    """No curve: what is brighter than white is white, and what is darker is shown exactly."""
+    """No curve: brighter than white is white, and darker is shown exactly."""
     return radiance
 
 

@@ -59,10 +59,10 @@ class Workers:
 
 
 class Batch:
-    """All scenes of a batch, by the names of their results, and what is known of each.
+    """All scenes of a batch, by the names of their results, and the state of each.
 
     Attributes:
-        scenes: what is asked for.
+        scenes: to be fitted.
         out: folder of all results and of the summary.
         known: of every scene its state.
     """
@@ -77,7 +77,7 @@ class Batch:
         }
 
     def look_up(self, progress: Progress) -> list[str]:
-        """Take what earlier batches have fitted; the names of what is left to fit."""
+        """Take over what earlier batches have fitted; the names of the scenes still to fit."""
         left = []
         for number, (name, asked) in enumerate(self.scenes.items()):
             progress("looking for earlier results", number / len(self.scenes))
@@ -97,7 +97,7 @@ class Batch:
             progress(f"{len(names)} scenes", 0)
             with closing(crew.fits(tasks)) as outcomes:
                 for ended in outcomes:
-                    with interrupts_held():  # what is in its place is in the log and in the summary
+                    with interrupts_held():  # files that were moved are in the log and in the summary
                         self._take(ended)
                     done += 1
                     progress(f"{len(names)} scenes", done / len(names))

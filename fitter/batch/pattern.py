@@ -15,8 +15,8 @@ ANY_DEPTH = "**"
 def matching(pattern: str, folder: Path) -> list[Path]:
     """Files and folders that match, as `glob.glob(recursive=True)` finds them, but for two things:
 
-    of a linked folder `**` finds what is in it, but nothing below, and of several paths to one folder the shortest
-    alone is followed. So the effort grows with what is there, not with the number of ways through it.
+    of a linked folder `**` finds the contents, but nothing below, and of several paths to one folder the shortest
+    alone is followed. So the effort grows with the number of files, not with the number of paths to them.
 
     Args:
         pattern: relative to `folder`, or absolute, or from "~"; its parts may have `*`, `?`, `[…]`, or be `**`.

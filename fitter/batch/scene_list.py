@@ -19,7 +19,7 @@ from fit_material.renderer.errors.input_error import InputError
 from fit_material.renderer.files.regular_files import read_bytes
 from fit_material.renderer.files.validation import shortened
 
-SCENE_FILE = "scene.toml"  # whose name says nothing: its folder's does
+SCENE_FILE = "scene.toml"  # whose name is no name of a scene: its folder's is
 TAKEN = frozenset({"summary.html", "summary.json", "fits.jsonl"})  # names of a batch's own files
 LONGEST = 80  # characters of a name: files inside the folder need some, too
 
@@ -116,7 +116,7 @@ def _path(text: str, folder: Path, where: str) -> Path:
     """What a text names, whether or not it is there.
 
     Raises:
-        InputError: it cannot be: a zero byte, a name too long, nobody's home, or a folder that may not be looked into.
+        InputError: it cannot be: a zero byte, a name too long, no user's home, or a folder that may not be looked into.
     """
     try:
         path = folder / Path(text).expanduser()
@@ -141,7 +141,7 @@ def _absolute(path: Path) -> Path:
 
 
 def _names(scenes: Sequence[Listed]) -> list[str]:
-    """Readable, and all different, on disks that do not tell a from A as well; the same for the same paths."""
+    """Readable, and all different, on disks that ignore case as well; the same for the same paths."""
     plain = [_name(each) for each in scenes]
     count = Counter(name.casefold() for name in plain)
     return [

@@ -11,7 +11,7 @@ from fit_material.renderer.errors.input_error import InputError
 
 
 def output_folder(text: str | Path) -> Path:
-    """`Path("")` would be this folder, which nobody meant."""
+    """`Path("")` would be this folder, which no user means."""
     if not str(text):
         raise InputError("-o", value='""', expected="a folder that can be written; . is this one")
     return Path(text)

@@ -11,7 +11,7 @@ from fit_material.renderer.errors.printable import printable, printable_lines
 
 
 class Unwritable(Exception):
-    """Standard output takes no more; a sentence that says why."""
+    """Standard output takes no more; a sentence with the reason."""
 
 
 def say(*words: object) -> None:
@@ -31,7 +31,7 @@ def complain(sentence: str) -> None:
 
 
 def flush() -> None:
-    """What was printed is on its way, if anybody reads it; raises what `say` does."""
+    """Flush what was printed; raises what `say` does."""
     with _unread():
         sys.stdout.flush()
 

@@ -62,7 +62,7 @@ def options_said(words: Sequence[str], function: Callable[..., object]) -> dict[
     """Those of a function's parameters that command-line words give, as typer reads them.
 
     Raises:
-        InputError: typer refuses them; the file is "", for the caller to say where they stand.
+        InputError: typer refuses them; the file is "", for the caller to fill in.
     """
     said: dict[str, Any] = {}
     app = typer.Typer(add_completion=False)

@@ -74,7 +74,7 @@ def program() -> NoReturn:
         main()
     except SystemExit as ended:
         flush()
-        with suppress(OSError):  # nobody reads errors, or they cannot be written
+        with suppress(OSError):  # standard error is closed, or cannot be written
             sys.stderr.flush()
         atexit._run_exitfuncs()
         os._exit(ended.code if isinstance(ended.code, int) else DONE)
@@ -123,7 +123,7 @@ def _watch_for_interrupts() -> threading.Event:
         if not again or signum == signal.SIGINT:  # `timeout` sends SIGTERM twice: the first one's sweeping goes on
             raise KeyboardInterrupt
 
-    with suppress(ValueError):  # outside the main thread nobody sends signals
+    with suppress(ValueError):  # signals arrive in the main thread only
         signal.signal(signal.SIGINT, note)
         signal.signal(signal.SIGTERM, note)
         if signal.getsignal(signal.SIGHUP) != signal.SIG_IGN:  # of a terminal that was closed; `nohup` goes on
@@ -145,7 +145,7 @@ def _run(arguments: list[str]) -> int:
     """The command's exit code, whether or not somebody reads what it prints."""
     try:
         code = app(arguments, prog_name="fit-material", standalone_mode=False)
-    except SystemExit:  # typer's own, where nobody reads the help
+    except SystemExit:  # typer's own, where the reader of the help has closed it
         code = DONE
     except OSError:
         flush()  # fails once more where it was the help that could not be written
@@ -155,7 +155,7 @@ def _run(arguments: list[str]) -> int:
 
 
 def _usage(error: TyperException) -> str:
-    """What is wrong with the arguments, in one sentence, and where to read what is right."""
+    """The error in the arguments, in one sentence, and where to read the right ones."""
     context = getattr(error, "ctx", None)
     command = context.command_path if context else "fit-material"
     message = " ".join(error.format_message().split()).rstrip(".")  # type: ignore[attr-defined] — of click's part

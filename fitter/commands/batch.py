@@ -68,7 +68,7 @@ def batch(
     """Fit many scenes, on all cores or a Dask cluster; goes on where it was interrupted.
 
     What has a result of the same files and options is not fitted again. Exit code 0: every scene has a usable material;
-    1: some have not, which the summary tells; 2: the list or an option is wrong, and nothing was fitted.
+    1: some have not, see the summary; 2: the list or an option is wrong, and nothing was fitted.
     """
     from fit_material.fitter.batch.scene_list import read_lists
     from fit_material.fitter.batch.workers.scheduler import scheduler_of
@@ -110,7 +110,7 @@ def _asked(listed: Listed, options: Mapping[str, Any]) -> Asked:
 
 
 def _run(batch: Batch, crew: Callable[[int], Workers], progress: Progress) -> str:
-    """Fit what is left, and write the summary; a sentence on why scenes are left all the same, or ""."""
+    """Fit the remaining scenes, and write the summary; a sentence on why some remain all the same, or ""."""
     from fit_material.fitter.batch.workers.pool import Lost
 
     try:

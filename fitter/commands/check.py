@@ -24,7 +24,7 @@ def check(
     seed: Seed = 0,
     quiet: Quiet = False,
 ) -> None:
-    """Say what is wrong with a scene's photographs, cameras, mesh and light, and the remedy; fits and writes nothing.
+    """Report faults of a scene's photographs, cameras, mesh and light, and their remedies; fits and writes nothing.
 
     Exit code 0: nothing was found; 1: something was.
     """

@@ -1,4 +1,4 @@
-"""`fit-material doctor`: what this machine has of what the program needs, and the remedy for what it lacks."""
+"""`fit-material doctor`: what the program needs, whether this machine has it, and remedies."""
 
 from __future__ import annotations
 

@@ -136,7 +136,7 @@ def demo(out: Out = Path("demo"), quiet: Quiet = False) -> None:
 
 
 def _require_free(tolerance: float | None, numbers: dict[str, int | None]) -> None:
-    """What a tolerance chooses is not to be said as well."""
+    """Refuse options that a tolerance chooses."""
     for key, value in numbers.items():
         if tolerance is not None and value is not None:
             raise InputError(f"--{key}", value=value, expected=f"no {key} beside --tolerance, which chooses them")

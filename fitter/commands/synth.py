@@ -105,7 +105,7 @@ def _true_material(asked: Any, **said: Any) -> tuple[TrueMaterial, ShadingModel]
 
 
 def _true_materials(path: Path, asked: Any, said: dict[str, Any]) -> tuple[dict[str, TrueMaterial], ShadingModel]:
-    """The same, of each material by name, from a file that says all."""
+    """The same, of each material by name, from a file that has all of them."""
     for key, value in said.items():
         if value is not None:
             raise InputError(f"--{key}", value=value, expected=f"no {key} beside --materials, whose file says all")

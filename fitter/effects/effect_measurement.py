@@ -72,7 +72,7 @@ class Sample:
 
 
 def possible(kinds: Collection[str], lobe: type[Width] = Microfacet) -> dict[str, Material]:
-    """Materials of these types from polished to dull, by what they are called; a blur's radii are the same numbers."""
+    """Materials of these types from polished to dull, by name; a blur's radii are the same numbers."""
     found: dict[str, Material] = {}
     for width in (lobe(torch.tensor(each, dtype=torch.float64)) for each in ALPHAS):
         for kind, fittable in FITTABLE.items():
@@ -87,7 +87,7 @@ class Measurement:
     Attributes:
         sample: the pixels.
         lighting: the light, with all effects that are not ruled out.
-        materials: that may be there, by what they are called.
+        materials: that may be there, by name.
         tolerance: relative change of a pixel that counts.
     """
 

@@ -127,7 +127,7 @@ class PolishedPixels(MixedPixels):
         return self.base.radiance(material) + added
 
     def mixing(self, material: Material) -> Float[Tensor, "q 3"] | None:
-        """The base's, and that of what the paths add."""
+        """The base's, and the paths'."""
         assert isinstance(self.base, MixedPixels)
         direct = self.base.mixing(material)
         return None if direct is None else torch.cat([direct, self.added[0].mixing(_as_metal(material))])
@@ -183,9 +183,9 @@ def polished(problem: Problem, fit: Fit, scene: DifferentiableScene) -> Polish:
 
 
 def _settled(problem: Problem, fit: Fit, scene: DifferentiableScene, seed: int) -> Fit:
-    """Rounds of the same table, weights and paths, until they ask for no further step.
+    """Rounds of the same table, weights and paths, until the steps vanish.
 
-    Where the photographs leave n and k open, the light bends more within a step than its slopes say, and steps may
+    Where the photographs leave n and k open, the light bends more within a step than its slopes predict, and steps may
     swing from one side to the other: each time they turn back, less of them is taken.
     """
     drawn, share, last = _metal(fit), 1.0, torch.zeros_like(fit.x)
@@ -264,7 +264,7 @@ def require_polishable(fidelity: Fidelity) -> None:
 def polish_scene(
     loaded: Loaded, lighting: Lighting, materials: Mapping[int, Material], metal: int
 ) -> DifferentiableScene:
-    """The object in Mitsuba, made of what was found; `materials` by their index among the mesh's."""
+    """The object in Mitsuba, made of the fitted materials; `materials` by their index among the mesh's."""
     lobe = lighting.fidelity.lobe
     assert lobe == "ggx" or lobe == "beckmann"
     bsdfs = [_bsdf(materials[i], lobe) if i in materials else diffuse(GREY) for i in range(len(loaded.materials))]

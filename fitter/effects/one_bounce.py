@@ -1,7 +1,7 @@
-"""Light that a surface receives from the object itself, estimated: what is met is shaded as the viewer shades it.
+"""Light that a surface receives from the object itself, estimated: surfaces are shaded as by the viewer.
 
-One bounce, in the far surroundings' light as far as that arrives; more bounces add less. It says whether paths are
-worth tracing, and traces none.
+One bounce, in the far surroundings' light as far as that arrives; more bounces add less. It
+determines whether paths are worth tracing, and traces none.
 """
 
 from __future__ import annotations

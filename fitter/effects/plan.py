@@ -1,4 +1,4 @@
-"""Which effects the photographs of a scene call for: what its structure decides, what is left to be measured."""
+"""Which effects the photographs of a scene call for: what its structure decides, and what has to be measured."""
 
 from __future__ import annotations
 
@@ -100,7 +100,7 @@ class Change:
         share: of the pixels, that it moves by more than the tolerance.
         material: with which it moves one most, in words.
         pixels: how many were looked at.
-        seen: what else there is to say, a clause; "" for nothing.
+        seen: a further remark, a clause; "" for none.
     """
 
     most: float
@@ -133,7 +133,7 @@ def planned(facts: Facts, measure: Measure, tolerance: float) -> Plan:
     """Each effect decided: by the scene's structure where that suffices, else by how much it moves pixels.
 
     Args:
-        facts: what is known of the scene.
+        facts: of the scene's structure.
         measure: by how much each of some effects moves pixels.
         tolerance: relative; what moves a pixel by more is called for.
     """

@@ -1,4 +1,4 @@
-"""What the structure of a scene says of each effect, before anything is measured."""
+"""Each effect's verdict by the structure of a scene, before anything is measured."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ class Facts:
         convex: whether no point of the object sees another.
         blurs: whether the model is the thesis's, its lobe a blur.
         reflectance: of metals, as fidelities call it; "conductor" is the exact one.
-        footprint: rays along each side of a pixel that were asked for.
+        footprint: rays along each side of a pixel that were requested.
         untraced: why no paths are traced here, because they cannot be or need not; None where they may.
         found: whether the materials are known, and not just possible.
         maps: textures that there are: "color", "normal", "ambient-occlusion".

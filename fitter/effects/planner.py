@@ -23,7 +23,7 @@ from fit_material.shaders.materials.types import Material
 from fit_material.shaders.materials.widths import Blur, Microfacet
 
 TOLERANCE = 0.01
-"""Relative change of a pixel from which an effect is called for, where no --tolerance was asked for."""
+"""Relative change of a pixel from which an effect is called for, without a --tolerance."""
 FOOTPRINT = 4  # rays along each side of a pixel that is looked at, at most
 
 

@@ -20,7 +20,7 @@ from fit_material.renderer.rays.gbuffer import Tracer
 from fit_material.renderer.scene.scene_file import PhotographSpec, camera_of
 
 LOOKED_AT = 20000  # pixels of a photograph, about
-MARGIN = 3  # pixels from the silhouette, or `NEAR` of the photograph's width: what is nearer may be the object
+MARGIN = 3  # pixels from the silhouette, or `NEAR` of the photograph's width: nearer pixels may be the object's
 NEAR = 0.01
 TILES = 16  # along the longer side: neighbours err together, as a map's texels and its far trees do
 SMALLEST_TILE, TILE_PIXELS, FEWEST_TILES = 6, 20, 6  # pixels along a side, pixels looked at, tiles with as many
@@ -36,7 +36,7 @@ LEAST_ERROR = 0.005  # of a logarithm: maps and lenses' corners are not better k
 
 @dataclass(frozen=True)
 class Behind:
-    """What the surroundings behind the object tell of one photograph.
+    """Calibration of one photograph by the surroundings behind the object.
 
     Attributes:
         ratio: logarithm of photograph over environment, per channel.
@@ -50,10 +50,10 @@ class Behind:
 
 
 def nuisances_of(loaded: Loaded, trace: Tracer) -> Nuisances | None:
-    """What the scene file asks to be fitted beside the material, with what is seen behind the object of it.
+    """Nuisance parameters of the scene file, with their calibration by the background.
 
-    None where nothing is asked for; then no photograph is looked at. Where the environment's rotation is unknown, too,
-    the map is turned to where it is most like what is seen, to half a degree.
+    None where there are none; then no photograph is read. Where the environment's rotation is unknown, too,
+    the map is rotated to where it is most like the background, to half a degree.
     """
     unknowns = unknowns_of(loaded.scene)
     if not unknowns:

@@ -43,7 +43,7 @@ class Fit:
         solution: how the last round's solver ended.
         x: the free vector that was found: the solution, freed of the bias that noise in the table brings.
         solve_seconds: time spent in solvers, over all rounds.
-        alike: what it may as well be; None where that was not asked for, or its error says all.
+        alike: widths that explain the pixels as well; None where not computed, or where the error covers them.
     """
 
     residuals: Residuals
@@ -98,12 +98,12 @@ def draft(problem: Problem, kind: MaterialType) -> Fit:
 
 
 def _degrees(fit: Fit) -> float:
-    """By which the environment is turned from where the problem has it."""
+    """Rotation of the environment against the problem's."""
     return fit.residuals.rotation(fit.x)
 
 
 def facing(problem: Problem, fit: Fit) -> Problem:
-    """The problem with the environment as the fit has it turned, if that is unknown."""
+    """The problem with the environment rotated as fitted, if its rotation is unknown."""
     return (
         problem if not problem.rotation_candidates else problem.at_rotation(RotationBracket(_degrees(fit), STEPS[-1]))
     )
@@ -190,7 +190,7 @@ def _finest(problem: Problem, fit: Fit) -> Iterator[Fit]:
 def next_round(problem: Problem, before: Fit, table: LightTable | None, everywhere: bool = False) -> Fit:
     """The next problem, its noise taken from the differences to the material found so far, and its solution.
 
-    A round that shall say what the material is, and not only where to look, looks for its n and k everywhere.
+    A round that shall determine the material, and not only its neighbourhood, searches all n and k.
     """
     coordinates, kind = before.residuals.coordinates, before.material.type
     model = problem.pixels(kind).under(table)
@@ -220,7 +220,7 @@ def next_round(problem: Problem, before: Fit, table: LightTable | None, everywhe
 def _whitening(problem: Problem, picture: Float[Tensor, "p 3"], seen: Float[Tensor, "p 3"]) -> Float[Tensor, "p 3 3"]:
     """What is known of the noise from a picture near the photographs, both as radiance.
 
-    Where the lobe is the viewer's, which follows no photograph closely, differences tell of the model and not of
+    Where the lobe is the viewer's, which follows no photograph closely, differences are the model's and not
     noise: then all photographs' pixels weigh relatively alike.
     """
     if not problem.fidelity.blurs:

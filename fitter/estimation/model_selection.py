@@ -73,10 +73,10 @@ def _criteria(fits: Mapping[MaterialType, Fit]) -> dict[MaterialType, float]:
 
         BIC = m ln(Σ ψ_A ψ_B/m) + p ln m        [Schwarz 1978, for a normal error of unknown scatter]
 
-    m values, p parameters, ψ the robust relative difference to the photographs, which below `ROUNDING` says nothing.
+    m values, p parameters, ψ the robust relative difference to the photographs, below `ROUNDING` mere rounding.
     Every fit is weighed alike; all are fits of the same pixels. A and B are the halves of the light table, whose noise
     is no misfit: a body has none, and so would seem to explain what a rough metal reflects. Their product's mean is
-    known no better than its own scatter tells.
+    known no better than by its own scatter.
     """
     halves: dict[MaterialType, list[Tensor]] = {kind: _relative_differences(fit) for kind, fit in fits.items()}
     least = max(min(scatter((first + second) / 2) for first, second in halves.values()), ROUNDING)
@@ -93,7 +93,7 @@ def _criteria(fits: Mapping[MaterialType, Fit]) -> dict[MaterialType, float]:
 
 
 def _relative_differences(fit: Fit) -> list[Float[Tensor, "p 3"]]:
-    """Of either half of the light table, at the measured pixels: a bound is kept by what fits it badly, too."""
+    """Of either half of the light table, at the measured pixels: a bad fit keeps bounds as well."""
     residuals = fit.residuals
     factors, own = residuals.factors(fit.x), residuals.is_measured
     weight = relative_weight((residuals.photograph / factors)[own])

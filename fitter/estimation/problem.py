@@ -1,4 +1,4 @@
-"""What a fit is to explain, and by which means: pixels, light, and the tables that rounds of least squares ask for."""
+"""The data and means of a fit: pixels, light, and the tables that rounds of least squares need."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ class Problem:
         observed: the pixels.
         lighting: the light, and how accurately to compute it.
         solver: least squares.
-        progress: told the stage and its share done.
+        progress: called with the stage and the fraction of it done.
         nuisances: parameters beside the material's; None where there are none.
         corrected: of a model of the pixels, the model with what it leaves out; None where nothing is added.
     """

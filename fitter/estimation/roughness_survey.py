@@ -29,7 +29,7 @@ NARROW = 1e-3  # half the relative width of a table of one roughness
 def surveyed(problem: Problem, fit: Fit) -> Fit:
     """The fit with what else its roughness may be; begun anew where another one explains the photographs better.
 
-    That is asked only where the picture does not change with the roughness: else its error is known; or where the
+    That is computed only where the picture does not change with the roughness: else its error is known; or where the
     roughness left the last of its tables, and so was not found. Where a second fit is no better, it is stopped.
     """
     for left in (1, 0):

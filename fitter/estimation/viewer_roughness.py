@@ -85,7 +85,7 @@ def viewer_roughness(
     found = minimize_scalar(lambda rho: (residual(rho) ** 2).sum(), bounds=bounds, method="bounded").x  # type: ignore
     if not _is_seen(costs):
         return ViewerRoughness(float(found), math.inf)
-    # The two models differ far more than their noise: how far ρ depends on the pixels asked is its honest error.
+    # The two models differ far more than their noise: how far ρ depends on the pixels chosen is its honest error.
     of_parts = [coarse[costs[:, part::PARTS].sum(1).argmin()] for part in range(PARTS)]
     step = float(bounds[1] - bounds[0]) / 2
     return ViewerRoughness(float(found), max(float(np.std(of_parts, ddof=1)) / PARTS**0.5, step / 12**0.5 / PARTS))

@@ -40,7 +40,7 @@ def blender(materials: Sequence[FittedMaterial]) -> str:
     """The script's text, errors in comments.
 
     Raises:
-        ValueError: a number that a socket asks for is missing, not finite or out of range.
+        ValueError: a number that a socket needs is missing, not finite or out of range.
     """
     return "\n".join([HEAD, *(line for material in materials for line in _entry(material)), TAIL])
 

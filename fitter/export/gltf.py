@@ -25,7 +25,7 @@ def gltf(materials: Sequence[FittedMaterial]) -> str:
     What is known of each number goes into the material's `extras`.
 
     Raises:
-        ValueError: a number that glTF asks for is missing, not finite or out of range.
+        ValueError: a number that glTF needs is missing, not finite or out of range.
     """
     entries = [_material(material) for material in materials]
     extensions = sorted({name for entry in entries for name in entry.get("extensions", {})})

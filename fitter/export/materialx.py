@@ -32,7 +32,7 @@ def materialx(materials: Sequence[FittedMaterial]) -> str:
     Both roughnesses of a BSDF are alpha, the microfacet width. Colours are linear Rec. 709.
 
     Raises:
-        ValueError: a number that a node asks for is missing, not finite or out of range.
+        ValueError: a number that a node needs is missing, not finite or out of range.
     """
     root = Element("materialx", version="1.39", colorspace="lin_rec709")
     names = identifiers(material.name for material in materials)

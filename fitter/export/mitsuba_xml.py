@@ -25,7 +25,7 @@ def mitsuba_xml(materials: Sequence[FittedMaterial]) -> str:
     """The file's text: a `roughconductor`, `roughplastic` or `diffuse` each, its `id` the material's name.
 
     Raises:
-        ValueError: a number that the BSDF asks for is missing, not finite or out of range.
+        ValueError: a number that the BSDF needs is missing, not finite or out of range.
     """
     root = Element("scene", version="3.0.0")
     names = identifiers(material.name for material in materials)

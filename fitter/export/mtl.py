@@ -1,6 +1,6 @@
 """Writing materials as MTL: the thesis's dialect for our viewer, and the ordinary one for everybody else.
 
-Both are text; numbers are printed `%.9g`, which gives every float32 back exactly. MODEL.md, 5, tells which
+Both are text; numbers are printed `%.9g`, which gives every float32 back exactly. MODEL.md, 5, defines which
 readers stumble over what; the order of keys and the spelling of texture lines here follow from that.
 """
 
@@ -74,7 +74,7 @@ def thesis_mtl(
         maps: texture files by the material's name, in place of its own.
 
     Raises:
-        ValueError: a number that the table asks for is missing, not finite, or beyond float32.
+        ValueError: a number that the table needs is missing, not finite, or beyond float32.
     """
     type_code = type_codes() if codes is None else codes
 
@@ -113,7 +113,7 @@ def ordinary_mtl(materials: Sequence[FittedMaterial], maps: Mapping[str, Maps] =
         maps: texture files by the material's name, in place of its own.
 
     Raises:
-        ValueError: a number that the table asks for is missing, not finite, or beyond float32.
+        ValueError: a number that the table needs is missing, not finite, or beyond float32.
     """
 
     def body(material: FittedMaterial, files: Maps) -> Lines:

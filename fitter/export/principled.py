@@ -44,7 +44,7 @@ def principled(material: FittedMaterial) -> Principled:
     """The material in those terms.
 
     Raises:
-        ValueError: a number that they ask for is missing, not finite or out of range.
+        ValueError: a number that they need is missing, not finite or out of range.
     """
     kind, color = scattering_type(material), front_color(material)
     if not kind.mirrors:

@@ -13,7 +13,10 @@ from fit_material.shaders.tone_mapping import srgb
 CLEARLY_ABOVE = 1.15  # colours that are more than noise about white
 
 
-FEW_CUT, MANY_CUT = 0.01, 0.05  # share of such texels, from which it is told, and from which colours are open
+FEW_CUT, MANY_CUT = (
+    0.01,
+    0.05,
+)  # share of such texels, from which it is reported, and from which colours are undetermined
 
 
 @dataclass(frozen=True)
@@ -41,7 +44,7 @@ class ColorMap:
 
     @property
     def sentence(self) -> str:
-        """What there is to say of it."""
+        """Remarks on it."""
         height, width = self.photographs.shape
         seen, often = (int((self.photographs >= least).sum()) for least in (1, 2))
         told = (

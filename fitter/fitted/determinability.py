@@ -18,7 +18,7 @@ from fit_material.shaders.materials.quantities import ALPHA, INDEX
 
 GRAZING = 60.0  # degrees: from there on metals of equal F0 differ
 STEEP = 75.0  # degrees: photographs that reach no further hold little of that difference
-FEW = 30  # pixels: scatter and angles of fewer say little
+FEW = 30  # pixels: scatter and angles of fewer determine little
 ONE_SIGMA = 0.6827  # share of normal deviations within one standard deviation
 BRIGHT = 0.9  # F0 of red gold, silver, aluminium: their curves have next to no room above
 
@@ -129,7 +129,7 @@ def _reason(key: str, channel: int | None, material: FittedMaterial, seen: Seen)
 
 
 def _reason_of_index(channel: int, material: FittedMaterial, seen: Seen) -> str:
-    """Why n and k of a channel cannot be told apart; they part near grazing angles only."""
+    """Why n and k of a channel are not separable; they differ near grazing angles only."""
     if seen.f0_only:
         return "the reflectance fitted with sees F0 only"
     if seen.steepest < STEEP:

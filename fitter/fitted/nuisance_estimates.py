@@ -134,13 +134,13 @@ def _resolution(unknown: Unknown) -> tuple[float, float]:
 
 
 def turned(lighting: Lighting, fit: Fit) -> Lighting:
-    """The light with the environment as a fit has it turned, where that was unknown."""
+    """The light with the environment rotated as fitted, where that was unknown."""
     gains = fit.residuals.gains
     return lighting if gains is None or gains.nuisances.turn is None else lighting.turned(fit.residuals.rotation(fit.x))
 
 
 def _listed(records: Sequence[Nuisance]) -> str:
-    """`exposure of view_0 0.0112 ± 0.5 % (by what is seen behind the object)`; many are told by the first few."""
+    """`exposure of view_0 0.0112 ± 0.5 % (by what is seen behind the object)`; of many, the first few are named."""
     told = [_words(each) for each in records[:4]]
     if len(records) > 4:
         told.append(f"and {len(records) - 4} more in result.json")

@@ -38,9 +38,9 @@ class FittedPart:
         material: the numbers to report.
         lighting: the light, and how accurately it was computed.
         seen: what the photographs offered to the fit.
-        borrowed: n and k as known metals suggest them, or why none do; None where that was not asked.
-        remarks: what else there is to say of the fit, in sentences, in the order in which it came up.
-        ascent: to the tolerance asked for; None where none was.
+        borrowed: n and k as known metals suggest them, or why none do; None where not computed.
+        remarks: on the fit, in sentences, in order of appearance.
+        ascent: to the requested tolerance; None where none was.
         polish: with Mitsuba's paths; None where there was none.
         color_map: the texture of the body; None where it is taken for even.
     """
@@ -60,7 +60,7 @@ class FittedPart:
 
     @property
     def tolerance(self) -> Tolerance | None:
-        """How the tolerance asked for was met; None where none was."""
+        """How the requested tolerance was met; None where none was."""
         return None if self.ascent is None else self.ascent.record(self.material.name)
 
     @property

@@ -51,7 +51,7 @@ def fitted_material(
 ) -> FittedMaterial:
     """The material with its errors, intervals and verdicts.
 
-    A number of which the photographs say no more than its domain has that domain for its interval and no error.
+    A number that the photographs do not constrain beyond its domain has that domain for its interval and no error.
 
     Args:
         name: of the material.
@@ -117,7 +117,7 @@ def _is_usable(material: FittedMaterial) -> bool:
 
 
 def describe(choice: Choice, material: FittedMaterial, seen: Seen, borrowed: Borrowed | TooFar | None = None) -> str:
-    """A few sentences for a person: how the fit ended, and what the photographs do not tell."""
+    """A few sentences for a person: how the fit ended, and what the photographs do not determine."""
     fit = choice.fit
     steps = f"in {fit.solution.steps} steps"
     ending = f"converged {steps}" if fit.solution.status == "converged" else f"stopped {steps} without converging"

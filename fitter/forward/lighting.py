@@ -60,7 +60,7 @@ class Lighting:
         openness: maps of ambient occlusion of the object's materials, which count in place of what rays find; None, or
             left out, where there is none.
         received: diffuse light on the object, of which pictures take what it hides and, with "interreflection", what it
-            sends itself; None where a few rays tell the former.
+            sends itself; None where a few rays determine the former.
     """
 
     environment: Environment
@@ -81,7 +81,7 @@ class Lighting:
         return replace(self, effects=effects, fidelity=fidelity)
 
     def turned(self, degrees: float) -> Lighting:
-        """The same with the environment turned further about +Y."""
+        """The same with the environment rotated further about +Y."""
         environment = replace(self.environment, rotation=self.environment.rotation + degrees)
         return replace(self, environment=environment)
 
@@ -202,7 +202,7 @@ class Lighting:
         return found if occluder is None else found * occluder.openness(surface)[:, None, None].to(found)
 
     def _received(self, surface: GBuffer, received: DiffuseLight, hidden: bool) -> Float[Tensor, "p b 3"]:
-        """The light of points [p] by what is known of it at places."""
+        """The light of points [p] by its values at places."""
         found, (share, returned) = self._unoccluded(surface), received.at(surface)
         if hidden:
             found = found * share[:, None].to(found)

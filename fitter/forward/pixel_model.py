@@ -1,4 +1,4 @@
-"""The picture of a set of pixels as a function of what they are made of: the models that a fit can meet."""
+"""The picture of a set of pixels as a function of what they are made of: the models that a fit can use."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ class PixelModel(ABC):
     """Radiance of every pixel, float64, by material.
 
     Attributes:
-        table: reflected light by roughness; None where nothing that reflects is to be asked for.
+        table: reflected light by roughness; None where no specular lobe is to be evaluated.
     """
 
     table: LightTable | None
@@ -218,7 +218,7 @@ class ViewerPixels(PixelModel):
         return replace(self, illumination=replace(self.illumination, table=table, mean=mean))
 
     def radiance(self, material: Material) -> Float[Tensor, "p 3"]:
-        """Radiance of every pixel; a metal's under the reflectance asked for."""
+        """Radiance of every pixel; a metal's by the chosen reflectance."""
         return shade(material, self.points, self.illumination, self.reflectance)
 
 

@@ -1,4 +1,4 @@
-"""Pixels in an environment that is turned a little about +Y: the picture as a smooth function of the angle.
+"""Pixels in an environment that is rotated a little about +Y: the picture as a smooth function of the angle.
 
     L(t) = L₀ + ½(L₊ - L₋) t + ½(L₊ - 2L₀ + L₋) t²
 

@@ -23,7 +23,7 @@ Sparse = Any  # a csr_matrix, of which scipy's own annotations do not know that 
 
 @dataclass(frozen=True)
 class Places:
-    """Places [n] on a surface, at least one; what is known at each is known around it, on what faces alike.
+    """Places [n] on a surface, at least one; values at each hold around it, where normals are alike.
 
     Attributes:
         surface: the places.

@@ -65,7 +65,7 @@ def compare(question: Question, out: Path, command: str, progress: Progress) -> 
     Args:
         out: folder; runs are kept in its `runs`, each as soon as it is done.
         command: the command line, for the page.
-        progress: told the share of the runs that are done.
+        progress: called with the fraction of the runs done.
 
     Raises:
         InputError: device, scene, truth or an option is wrong, the folder cannot be written, or a file in it is not

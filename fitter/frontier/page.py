@@ -18,7 +18,7 @@ def render_frontier(frontier: Frontier, title: str, command: str = "") -> str:
     """Plot and table; nothing is loaded from elsewhere.
 
     Args:
-        title: what is compared, as a sentence.
+        title: the comparison, as a sentence.
         command: the command line that made it, shown as it is; "" shows none.
     """
     page = page_templates()

@@ -41,7 +41,7 @@ class Row(Record):
         price: the command's time over the first rung's with the same seed; None but for single choices.
         peak: memory, bytes.
         errors: of `ERRORS`, shares of 1.
-        is_reference: whether the errors are measured against this rung: then its own say how its repeats scatter.
+        is_reference: whether the errors are measured against this rung: then its own are the scatter of its repeats.
         beaten_by: the fastest rung that is both faster and nearer, by the medians.
     """
 
@@ -100,7 +100,7 @@ def frontier_of(
     """The comparison of rungs by their runs.
 
     Args:
-        scene: its path, to be told.
+        scene: its path, to be shown.
         rungs: from the cheapest to the finest; of single choices the first is what the others are priced by.
         runs: of all of them.
         truth: the materials as they are; None where errors are to be measured against the finest rung.
@@ -159,7 +159,7 @@ def _price(runs: Sequence[Run], first: Sequence[Run]) -> Spread | None:
 
 
 def spread(values: Sequence[float | None]) -> Spread | None:
-    """Of the values there are; None where one is missing, for what is left would flatter."""
+    """Of the values there are; None where one is missing: the others alone would flatter."""
     if not values or None in values:
         return None
     known = [value for value in values if value is not None]

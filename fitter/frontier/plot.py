@@ -122,7 +122,7 @@ def plain_ticks(axes: Axes) -> None:
 
 
 def quiet_frame(axes: Axes) -> None:
-    """Two spines, and a faint grid behind what is drawn."""
+    """Two spines, and a faint grid behind the data."""
     axes.spines[["top", "right"]].set_visible(False)
     axes.grid(alpha=0.15, color=INK, linewidth=0.6)
     axes.set_axisbelow(True)

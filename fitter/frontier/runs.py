@@ -56,7 +56,7 @@ class Run(Record):
 
 
 class Refused(InputError):
-    """What a fit said of wrong input."""
+    """A fit's sentence about wrong input."""
 
     def __init__(self, sentence: str) -> None:
         Exception.__init__(self, sentence)

@@ -1,4 +1,4 @@
-"""Plots by matplotlib's own settings and ours, whatever the user's are: those may ask for LaTeX, or a display."""
+"""Plots by matplotlib's own settings and ours, whatever the user's are: those may require LaTeX, or a display."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def _without_the_working_folder(execute: Execute, module: ModuleType) -> None:
 
 @contextmanager
 def own_settings(ours: Mapping[Any, Any]) -> Iterator[None]:
-    """Inside, what is drawn has matplotlib's defaults but for `ours`."""
+    """Inside, plots have matplotlib's defaults but for `ours`."""
     import matplotlib
 
     with matplotlib.rc_context():

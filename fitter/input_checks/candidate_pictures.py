@@ -1,7 +1,7 @@
-"""Pictures of what a few pixels would show, in every orientation of the light: all that a coarse fit is made of.
+"""Radiance of a few pixels in every orientation of the light: all that a coarse fit needs.
 
-Microfacets look alike from all sides, so that light that is turned or mirrored is the same as a surface and a viewer
-that are turned or mirrored back: one integration serves every orientation, and no map has to be resampled.
+Microfacets look alike from all sides, so that light that is rotated or mirrored is the same as a surface and a viewer
+that are rotated or mirrored back: one integration serves every orientation, and no map has to be resampled.
 """
 
 from __future__ import annotations

@@ -34,7 +34,7 @@ FLOATS = (".exr", ".hdr", ".npy", *ENDINGS)
 
 @dataclass(frozen=True)
 class Lit:
-    """What a coarse fit says: how the world lies in the map, and its findings."""
+    """Results of a coarse fit: how the world lies in the map, and its findings."""
 
     orientation: Orientation
     findings: tuple[Finding, ...]
@@ -134,7 +134,7 @@ def _is_linear(spec: PhotographSpec) -> bool:
 
 
 def up_axes(turn: MeshTurn | None, lit: Lit) -> list[Finding]:
-    """What the light says, beside what is to be said of a mesh that has to be turned.
+    """Findings about the light, beside those about a mesh that has to be rotated.
 
     Cameras that are z-up show as both: against them the mesh lies wrong, and so does the light.
     """

@@ -20,11 +20,11 @@ Curve = Callable[[Tensor], Tensor]
 
 @dataclass(frozen=True)
 class AssumedPhotographs:
-    """What photographs show, by what is supposed of them.
+    """Radiance of photographs under a hypothesis.
 
     Attributes:
         pixels: as the file and its declared encoding have them.
-        linear: radiance times exposure, if they are what is supposed.
+        linear: radiance times exposure, under the hypothesis.
         coded: from radiance times exposure back to such pixels.
         exposure: of each pixel.
     """
@@ -36,7 +36,7 @@ class AssumedPhotographs:
 
     @staticmethod
     def of(looks: SampledPixels, curve: Curve, coded: Curve, gains: Float[Tensor, " i"]) -> AssumedPhotographs:
-        """The photographs, if their pixels become linear by a curve, and each is brighter by a gain than it says."""
+        """The photographs, if their pixels become linear by a curve, and each is brighter by a gain than declared."""
         pixels = looks.seen * looks.exposure
         return AssumedPhotographs(pixels, curve(pixels), coded, looks.exposure * gains[looks.photograph])
 

@@ -1,4 +1,4 @@
-"""What may be wrong with light and photographs, and how well each such supposition explains what is seen."""
+"""Hypotheses about faults of light and photographs, and how well each explains the pixels."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ class Hypothesis:
     Attributes:
         orientation: of the environment.
         recoded: photographs whose encoding is the other one of sRGB and linear than is declared.
-        gains: whether exposures are as said, or each photograph's is another, or all of them by one factor.
+        gains: whether exposures are as declared, or each photograph's is another, or all of them by one factor.
     """
 
     orientation: Orientation = GIVEN
@@ -42,7 +42,7 @@ class Trial:
 
     Attributes:
         misfit: mean relative difference over all pixels.
-        gains: how many times as bright as said each photograph is.
+        gains: brightness of each photograph over the declared one.
     """
 
     misfit: float
@@ -56,7 +56,7 @@ class HypothesisTest:
     Attributes:
         looks: the pixels of each material.
         light: of the scene.
-        declared_linear: of each photograph, whether its pixels are said to be linear.
+        declared_linear: of each photograph, whether its pixels are declared linear.
         seed: of the integration.
     """
 
@@ -67,7 +67,7 @@ class HypothesisTest:
     _pictures: dict[Orientation, list[Pictures]] = field(default_factory=dict)
 
     def prepare(self, orientations: Iterable[Orientation]) -> None:
-        """Integrate the light of those orientations that were not asked for so far."""
+        """Integrate the light of those orientations that are not integrated yet."""
         missing = [each for each in orientations if each not in self._pictures]
         for start in range(0, len(missing), BATCH):
             batch = missing[start : start + BATCH]
@@ -147,7 +147,7 @@ class HypothesisTest:
 
 
 def _anchored(gains: Float[Tensor, " i"]) -> Float[Tensor, " i"]:
-    """Relative to their lower median: what most photographs say is taken for right."""
+    """Relative to their lower median: most photographs are taken for right."""
     return gains / gains.median()
 
 

@@ -1,9 +1,9 @@
-"""Findings that a coarse fit brings: light turned, mirrored or upside down, encodings and exposures that are wrong.
+"""Findings that a coarse fit brings: light rotated, mirrored or upside down, encodings and exposures that are wrong.
 
-A fault is told where without it the photographs are explained `DECISIVE` times better. Wrong light leaves differences
-of 10 % to 100 %, right light 3 % to 9 %, of which most is the coarse fit's own error, which is alike under all
-suppositions: so nothing that is right is beaten by a factor. Light that looks alike from all sides beats nothing
-either: then nothing is told.
+A fault is reported where without it the photographs are explained `DECISIVE` times better. Wrong light leaves
+differences of 10 % to 100 %, right light 3 % to 9 %, of which most is the coarse fit's own error, which is alike under
+all hypotheses: so nothing that is right is beaten by a factor. Light that looks alike from all sides beats nothing
+either: then nothing is reported.
 """
 
 from __future__ import annotations
@@ -17,11 +17,11 @@ from fit_material.fitter.input_checks.hypotheses import Hypothesis, HypothesisTe
 from fit_material.fitter.input_checks.orientation import orientations, upright
 from fit_material.renderer.materials.catalogue import DARKEST_MATTE
 
-EXPLAINED = 0.05  # misfit at which nobody looks for a better orientation
+EXPLAINED = 0.05  # misfit at which no better orientation is searched for
 SUSPICIOUS = 0.1  # misfit from which all orientations are tried, and not only single slips
 DECISIVE = 1.6
 LEAST = 0.03  # by which a misfit has to fall, whatever the factor
-AS_GOOD = 1.1  # times the least misfit, at which the simpler of two orientations is told
+AS_GOOD = 1.1  # times the least misfit, at which the simpler of two orientations is reported
 GAIN = 1.2  # factor by which an exposure is wrong
 
 
@@ -115,7 +115,7 @@ def findings(found: Sequence[Step], photographs: Sequence[Named], tribunal: Hypo
 
 
 def darkness_findings(tribunal: HypothesisTest) -> list[Finding]:
-    """Whether the photographs are darker than any material; of those that are fitted exposures are said."""
+    """Whether the photographs are darker than any material; of those that are fitted exposures are declared."""
     brightness = tribunal.brightness
     if brightness >= DARKEST_MATTE:
         return []
@@ -143,7 +143,7 @@ def _orientation(step: Step, rotation: float) -> Finding:
 
 
 def turning(up: str) -> str:
-    """What becomes of x, y, z where an axis is turned to +Y."""
+    """Images of x, y, z where an axis is rotated to +Y."""
     names, rows = ("x", "y", "z"), upright(up).int().tolist()
     becomes = [("-" if sum(row) < 0 else "") + names[[abs(v) for v in row].index(1)] for row in rows]
     return f"(x, y, z) → ({', '.join(becomes)})"

@@ -1,4 +1,4 @@
-"""The orientations in which an environment may have been meant: turned by right angles, mirrored, another axis up."""
+"""The orientations in which an environment may have been meant: rotated by right angles, mirrored, another axis up."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ class Orientation:
 
     Attributes:
         up: the world's axis that is the map's upper pole.
-        turn: degrees more about it than the scene says.
+        turn: degrees more about it than the scene declares.
         mirrored: whether the map's columns run the other way.
     """
 
@@ -37,11 +37,11 @@ class Orientation:
 
     @property
     def changes(self) -> int:
-        """How many of up, turn and mirroring are not as the scene says."""
+        """How many of up, turn and mirroring are not as the scene declares."""
         return (self.up != "+Y") + (self.turn != 0) + self.mirrored
 
     def to_map(self, rotation: float) -> Float[Tensor, "3 3"]:
-        """Orthogonal matrix from world directions to the map's own axes, of a map turned by `rotation` degrees."""
+        """Orthogonal matrix from world directions to the map's own axes, of a map rotated by `rotation` degrees."""
         flip = torch.diag(torch.tensor([-1.0 if self.mirrored else 1.0, 1, 1], dtype=torch.float64))
         return flip @ about_y(rotation + self.turn).T @ upright(self.up)
 
@@ -63,6 +63,6 @@ def upright(up: str) -> Float[Tensor, "3 3"]:
 
 
 def orientations() -> list[Orientation]:
-    """All 48, those first that slips lead to: the given one, turned, mirrored, z-up, and what is both."""
+    """All 48, those first that slips lead to: the given one, rotated, mirrored, z-up, and combinations."""
     every = [Orientation(up, turn, m) for up, m, turn in itertools.product(UPS, (False, True), TURNS)]
     return sorted(every, key=lambda each: each.changes)  # stable: of equal ones in the order above

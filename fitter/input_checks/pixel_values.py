@@ -9,13 +9,13 @@ from torch import Tensor
 from fit_material.fitter.input_checks.finding import Finding, percent
 from fit_material.fitter.observations.photograph import Photograph
 
-CLIPPED = 0.05  # of the object's pixels, from which highlights tell too little; 2 % is what good exposures have
+CLIPPED = 0.05  # of the object's pixels, from which highlights determine too little; 2 % is what good exposures have
 AT_TOP = 0.99  # of the largest value: two codes of 255
 FLAT = 0.02  # of the object's pixels that share the very largest value: in floats no light does that
 VALUES = 24  # different values of a channel; 8 bits have 256, and the relative error of 24 is 4 %
 CONTRAST = 1.1  # between a channel's quartiles or the largest value; a matte ball in even light has none
 MOST = 20_000  # pixels looked at, of more every second, third …
-ENOUGH = 400  # pixels, from which numbers like these tell something
+ENOUGH = 400  # pixels, from which such statistics are meaningful
 
 
 def pixel_findings(photograph: Photograph, inside: Bool[Tensor, "h w"], where: str) -> list[Finding]:

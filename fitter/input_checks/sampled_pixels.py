@@ -68,7 +68,9 @@ def look(
         exposures.append(known_exposure(photograph.exposure))
         try:
             chosen = choose_pixels(PixelRequest([photograph], trace, scene_file, FOOTPRINT, seed, materials), quota)
-        except InputError:  # its camera sees nothing of the object, which its silhouette tells, or the mesh's inside
+        except (
+            InputError
+        ):  # its camera sees nothing of the object, which the silhouette's check reports, or the mesh's inside
             if index + 1 == len(numbers) and not any(found):
                 raise
             continue

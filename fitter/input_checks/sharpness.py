@@ -16,7 +16,7 @@ CONTRAST = 0.2  # of the profile's brightest, below which it shows no edge
 PROFILES = 400
 FEWEST = 24
 REACH, STEP = 6, 0.25  # pixels to either side, and between samples
-AROUND = 4  # pixels that tell an edge's direction
+AROUND = 4  # pixels that determine an edge's direction
 
 
 def sharpness_finding(photograph: Photograph, inside: Bool[Tensor, "h w"], where: str) -> Finding | None:

@@ -21,7 +21,7 @@ from fit_material.renderer.rays.gbuffer import GBuffer, Tracer
 FEWEST = 16  # pixels of a silhouette's border
 SIDE = 96  # pixels of the longer side that are looked at
 OVERLAPS = 0.95  # IoU below which something is wrong: a shift by 2 % of a ball's width leaves that
-DECISIVE = 3.0  # times less outside of the overlap if the mesh is turned: no pose error does that
+DECISIVE = 3.0  # times less outside of the overlap if the mesh is rotated: no pose error does that
 SEARCHED = 0.12  # of the picture's width: how far off edges are looked for
 ON_EDGE = 0.03  # of the picture's width: as far from an edge as a silhouette of that IoU may be
 ALIKE = 0.01  # of IoU, within which silhouettes of two turns are the same
@@ -35,7 +35,7 @@ class Sighting:
     Attributes:
         camera: the photograph's.
         hit: where rays meet the object.
-        outline: where the photograph has it; None where neither mask nor alpha says so.
+        outline: where the photograph has it; None where neither mask nor alpha defines it.
         light: what it shows.
         step: in pixels.
     """
@@ -95,7 +95,7 @@ def _hits(camera: Camera, trace: Tracer, step: int) -> Bool[Tensor, "m n"]:
 
 
 def turned(trace: Tracer, turn: Float[Tensor, "3 3"]) -> Tracer:
-    """The tracer of the object, turned about the origin."""
+    """The tracer of the object, rotated about the origin."""
 
     def traced(origins: Float[Tensor, "p 3"], directions: Float[Tensor, "p 3"]) -> GBuffer:
         surface = trace(origins @ turn, directions @ turn)  # by the inverse, into the object's own axes
@@ -112,7 +112,7 @@ class MeshTurn:
     Attributes:
         up: its axis that has to become +Y.
         turn: degrees about +Y afterwards.
-        by_outline: whether outlines tell, else the picture's edges do.
+        by_outline: whether outlines decide, else the picture's edges do.
         before, after: mean IoU without it and with it; of edges `edge_rank`.
     """
 
@@ -156,7 +156,7 @@ def mesh_turn(sightings: Sequence[Sighting], trace: Tracer) -> MeshTurn | None:
 
 
 def silhouette_findings(sightings: Sequence[Sighting], names: Sequence[str]) -> list[Finding]:
-    """Photographs whose silhouette lies elsewhere than mesh and camera say."""
+    """Photographs whose silhouette lies elsewhere than mesh and camera predict."""
     remedy = "check its camera (pose, field of view), the mesh's scale, and the mask"
     found = []
     for sighting, where in zip(sightings, names, strict=True):
@@ -178,7 +178,7 @@ def silhouette_findings(sightings: Sequence[Sighting], names: Sequence[str]) -> 
 def edge_distance(sighting: Sighting) -> float:
     """How far the silhouette has to be moved or scaled to lie on the picture's edges, by its width; 0 if on them.
 
-    An edge is told by the rank of its gradient among all pixels', which is the same for every exposure and curve.
+    An edge is recognised by the rank of its gradient among all pixels', which is the same for every exposure and curve.
     """
     rows, columns = _border(sighting.hit)
     if len(rows) < FEWEST:

@@ -73,7 +73,7 @@ def sandwich_covariance(residuals: Residuals, x: Float[Tensor, " x"]) -> Covaria
         H = ½ Σ_i (J_AᵀJ_B + J_BᵀJ_A)ᵢ + P,   gᵢ = ½ (J_Aᵀ r_B + J_Bᵀ r_A)ᵢ
 
     i counts the m pixels, whose channels share their noise; P is the prior's part of H. Nothing is taken for granted
-    but that pixels are independent: the noise may differ between them, and need not be what the weights say. The
+    but that pixels are independent: the noise may differ between them, and need not be what the weights assume. The
     integration's error is independent between pixels, too, and so is within their scatter. Where pixels are known to
     err together, i counts clusters of them, and g is their sum [Liang & Zeger 1986].
 

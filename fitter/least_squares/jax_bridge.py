@@ -29,7 +29,7 @@ class Bridge:
             after it.
         size: length of the result.
         raised: what `function` raised, Ctrl-C included, since it was put here. JAX would print a traceback of its own
-            and tell only its text: it gets NaN instead, and whoever called JAX looks here.
+            and keep only its text: it gets NaN instead, and whoever called JAX looks here.
     """
 
     def __init__(self, function: Callable[[Tensor], Tensor], size: int) -> None:
@@ -82,7 +82,7 @@ class Bridge:
         return products.reshape(*directions.shape[:-1], self.size)
 
     def _jacobian_at(self, point: Tensor) -> Tensor:
-        # A Levenberg–Marquardt step asks twice at one point: for the slope, and for the matrix.
+        # A Levenberg–Marquardt step evaluates one point twice: for the slope, and for the matrix.
         if self._last is None or not torch.equal(point, self._last[0]):
             self._last = point, self.jacobian(point).detach()
         return self._last[1]

@@ -2,7 +2,7 @@
 
 A whitening W of a pixel turns the difference of three channels, of covariance C, into three numbers of variance 1:
 WᵀW = C⁻¹. Channels of one pixel share most of their noise (a path tracer's are made of the same paths, a lamp's
-flicker is white), so that their ratios are known far better than themselves; only the whole covariance says so.
+flicker is white), so that their ratios are known far better than themselves; only the whole covariance expresses that.
 """
 
 from __future__ import annotations
@@ -16,7 +16,9 @@ from fit_material.renderer.rays.gbuffer import GBuffer
 
 MAD_TO_SIGMA = 1.4826  # of a normal distribution: 1/Φ⁻¹(¾)
 DARKEST = 0.05  # of the median radiance, below which noise is no longer taken to be relative
-NEIGHBOURS = 32  # their 3 × 3 covariance costs a tenth of what is to be known, and they still lie within one lamp
+NEIGHBOURS = (
+    32  # their 3 × 3 covariance costs a tenth of the variance to be estimated, and they still lie within one lamp
+)
 APART = 3.0  # of view directions against normals, as distances: pixels of one photograph are neighbours first
 ROUNDING = 1e-13  # of a covariance from so many neighbours in float64, over its trace
 OUTLIER = 10.0  # median distances beyond which a neighbour counts no more for being still further off
@@ -46,15 +48,15 @@ def local_whitening(
 ) -> Float[Tensor, "p 3 3"]:
     """W of each pixel, from the relative differences that its neighbours show, whitened by Cholesky's factor.
 
-    The pixel itself has no say: a weight that knew its own noise would favour one side of it. So is its brightness
+    The pixel itself is excluded: a weight that knew its own noise would favour one side of it. So is its brightness
     taken from its neighbours.
 
     Args:
         difference: between model and photographs.
-        picture: the model's, which says how bright each pixel is.
+        picture: the model's, for the brightness of each pixel.
         neighbours: their indices; see `neighbours_of`.
         least: relative standard deviation below which no noise is believed.
-        bounded: pixels of whose channels bounds are known, one by one; they are nobody's neighbours.
+        bounded: pixels of whose channels bounds are known, one by one; they are no pixel's neighbours.
     """
     level = _level(picture)
     of_neighbours = _without_outliers((difference / level)[neighbours])
@@ -67,7 +69,7 @@ def local_whitening(
     whitening = torch.linalg.solve_triangular(lower, torch.diag_embed(1 / brightness), upper=False)
     if bounded is None:
         return whitening
-    bound = torch.maximum(picture - difference, brightness)  # what clips is brighter than what is beside it
+    bound = torch.maximum(picture - difference, brightness)  # clipped pixels are brighter than their neighbours
     alone = torch.diag_embed(1 / (bound * covariance.diagonal(dim1=1, dim2=2).sqrt()))
     return torch.where(bounded[:, None, None], alone, whitening)
 
@@ -81,7 +83,7 @@ def neighbours_of(
     Args:
         surface: [p] rays.
         count: neighbours wanted; there are fewer where there are fewer pixels, and a lone pixel is its own.
-        left_out: pixels that are nobody's neighbours.
+        left_out: pixels that are no pixel's neighbours.
     """
     from scipy.spatial import KDTree
 
@@ -99,7 +101,7 @@ def _level(radiance: Float[Tensor, "p 3"]) -> Float[Tensor, "p 3"]:
 
 
 def darkest(radiance: Float[Tensor, "p 3"]) -> Float[Tensor, "3"]:
-    """`DARKEST` of the median, > 0: below it noise is not relative. Of a mostly black channel others tell."""
+    """`DARKEST` of the median, > 0: below it noise is not relative. The other channels constrain a black one."""
     size = radiance.abs()  # noise about 0 has a median of any sign
     lit = size[size > 0]
     anywhere = lit.median() if len(lit) else size.new_ones(())

@@ -1,10 +1,10 @@
-"""What is unknown beside the material: factors between radiance and a photograph's pixels, with what is known of them.
+"""Nuisance parameters: factors between radiance and a photograph's pixels, with their priors.
 
     pixel = exposure · white balance · radiance
 
 Each unknown is the logarithm of a factor, but for the environment's rotation, which is in degrees. Before any pixel of
 the object is looked at, it has a normal distribution, so that the factor's is log-normal: wide about 1, or about a
-guess, or as narrow as the surroundings behind the object tell. It is fitted beside the material's own numbers, whose
+guess, or as narrow as the calibration by the background. It is fitted beside the material's own numbers, whose
 errors thereby count that it is not known.
 """
 
@@ -37,13 +37,13 @@ Key = Literal["exposure", "white_balance", "scale", "rotation"]
 
 @dataclass(frozen=True)
 class Unknown:
-    """The logarithm of a factor; or degrees about +Y between the environment and what the scene file says of it.
+    """The logarithm of a factor; or degrees about +Y between the environment and the scene file's rotation.
 
     Attributes:
-        key: where the scene file asks for it to be fitted.
+        key: of the scene file where it is declared unknown.
         photograph: index; None of one that all photographs share.
         channel: 0 red, 2 blue, for a white balance, which is against green; None for all channels.
-        start: of a rotation, what the scene file says, in degrees.
+        start: of a rotation, the scene file's, in degrees.
     """
 
     key: Key
@@ -93,7 +93,7 @@ class Nuisances:
         photographs: how many there are.
         mean: of the prior.
         root: R; |R (z - mean)|² is the prior's sum of squares.
-        told: whether the surroundings behind the object tell it.
+        told: whether the background determines it.
         turn: about which rotation the environment's is fitted; None where it is not.
     """
 
@@ -106,7 +106,7 @@ class Nuisances:
 
     @staticmethod
     def before(unknowns: Sequence[Unknown], photographs: int) -> Nuisances:
-        """Nothing but wide priors about 1, of which what is alike of several photographs is mostly one error."""
+        """Nothing but wide priors about 1, whose common part over several photographs is mostly one error."""
         width = torch.tensor([each.width for each in unknowns], dtype=torch.float64)
         known = torch.zeros(len(unknowns), dtype=torch.bool)
         like = [[ALIKE * each.is_like(other) for other in unknowns] for each in unknowns]
@@ -145,7 +145,7 @@ class Nuisances:
         return torch.cat([self.mean[:-1], self.mean.new_tensor([self.turn.centre])])
 
     def steps(self, z: Float[Tensor, " z"]) -> Float[Tensor, ""]:
-        """How far the environment is turned from the middle of `turn`, in its steps."""
+        """Rotation of the environment from the middle of `turn`, in its steps."""
         assert self.turn is not None
         return (self.rotation(z) - self.turn.centre) / self.turn.step
 
@@ -184,7 +184,7 @@ class Nuisances:
         return replace(self, mean=mean, root=torch.linalg.cholesky(precision).T, told=told)
 
     def about(self, ratio: Float[Tensor, "v 3"]) -> Nuisances:
-        """The same with exposures that nothing tells about the log factors of a guess."""
+        """The same with exposures that nothing determines about the log factors of a guess."""
         guess = torch.stack([(each * ratio).sum() / each.sum().clamp_min(1) for each in self.counts])
         vague = ~self.told & torch.tensor([each.key in ("exposure", "scale") for each in self.unknowns])
         return replace(self, mean=torch.where(vague, guess, self.mean))
@@ -223,7 +223,7 @@ class NuisanceFactors:
 
 
 def unknowns_of(scene: Scene) -> tuple[Unknown, ...]:
-    """What a scene file asks to be fitted beside the material."""
+    """The nuisance parameters that a scene file declares."""
     found: list[Unknown] = []
     if scene.exposure == FITTED:
         found.append(Unknown("exposure"))
@@ -243,14 +243,14 @@ def unknowns_of(scene: Scene) -> tuple[Unknown, ...]:
 
 
 def require_no_free_nuisances(scene: Scene, scene_file: Path, which: str) -> None:
-    """Raises InputError where the scene file asks for anything to be fitted beside the material."""
+    """Raises InputError where the scene file declares a nuisance parameter."""
     if unknowns := unknowns_of(scene):
         expected = f"numbers for exposures, white balances, scale and rotation, {which}"
         raise InputError(scene_file, _field(unknowns[0]), FITTED, expected)
 
 
 def _field(unknown: Unknown) -> str:
-    """Where a scene file asks for it."""
+    """Its key in the scene file."""
     if unknown.photograph is not None:
         return f"photographs[{unknown.photograph}].{unknown.key}"
     return f"environment.{unknown.key}" if unknown.key in ("scale", "rotation") else unknown.key

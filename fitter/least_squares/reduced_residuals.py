@@ -26,7 +26,7 @@ from fit_material.fitter.least_squares.solvers import PRECISE, Residual, Solutio
 from fit_material.renderer.compute.threads import map_in_threads
 
 CHUNK = 1024  # pixels at a time, which bounds the memory for their equations
-NEAR = 1e-3  # tolerance that tells the deepest of several minima, whose costs differ by more
+NEAR = 1e-3  # tolerance that distinguishes the deepest of several minima, whose costs differ by more
 REWEIGHTED = 5  # times at most that outliers are weighed anew
 STILL = 1e-3  # standard errors by which that may still move the solution
 
@@ -42,9 +42,9 @@ def solved(residuals: Residuals, starts: Sequence[Float[Tensor, " x"]], solver: 
 
 
 def _solved_but_for_noise(residuals: Residuals, stopped: Solution, solver: Solver) -> Solution:
-    """The least squares of what the pictures show, where a number that moves nothing but noise kept a solver busy.
+    """Least squares of the directions that the pictures determine.
 
-    Such a number is held where the solver stopped: along it there is always some noise left to fit.
+    Others, which move nothing but noise, are held where the solver stopped: along them there is always noise to fit.
     """
     x = stopped.x
     seen = Halves.at(x, residuals, residuals.robust_whitening(x)).resolved

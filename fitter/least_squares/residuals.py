@@ -33,7 +33,7 @@ class Residuals:
         gains: factors on the picture that are fitted, too, their free numbers behind the material's; None where the
             photograph is the radiance.
         clusters: a number for each pixel, the same for those whose errors go together; None where all are independent.
-        bounded: pixels of which the photograph tells lower bounds, whose whitening is diagonal; None where none is.
+        bounded: pixels of which the photograph gives lower bounds, whose whitening is diagonal; None where none is.
     """
 
     model: PixelModel
@@ -61,7 +61,7 @@ class Residuals:
         return radiance if self.gains is None else self.gains.factors(self.nuisance_part(x)) * radiance
 
     def model_at(self, x: Float[Tensor, " x"]) -> PixelModel:
-        """The model in the environment as it is turned there."""
+        """The model in the environment rotated as in that free vector."""
         if not isinstance(self.model, TurnedPixels):
             return self.model
         assert self.gains is not None
@@ -81,7 +81,7 @@ class Residuals:
         return float(self.gains.nuisances.rotation(self.nuisance_part(x)))
 
     def difference(self, x: Float[Tensor, " x"]) -> Float[Tensor, "p 3"]:
-        """Model less photograph; of lower bounds, what is missing to them and to what noise may have lifted there."""
+        """Model less photograph; of lower bounds, the shortfall, allowing for what noise may have lifted there."""
         found = self.picture(x) - self.photograph
         if self.bounded is None:
             return found
@@ -108,7 +108,7 @@ class Residuals:
         return (PhotographBlock(slice(None), 0),) if self.gains is None else self.gains.blocks
 
     def mixing(self, x: Float[Tensor, " x"]) -> Float[Tensor, "b q 3"]:
-        """How much each number of what is mixed counts, in each of the blocks."""
+        """Coefficient of each mixed number, in each of the blocks."""
         model = self.model_at(x)
         assert isinstance(model, MixedPixels)
         found = model.mixing(self.coordinates.material(x))
@@ -133,7 +133,7 @@ class Residuals:
         """The whitening, lessened for outliers: where halves agree, least squares with it has the robust loss's slope.
 
         Light that was integrated badly is no outlier where the mean of its halves happens to fit: beyond the same
-        threshold the variance that they tell counts in the place of the noise's. Bounds that are kept count nothing.
+        threshold the variance that they imply counts in place of the noise's. Bounds that are kept count nothing.
         """
         difference = self.difference(x)
         share = (ROBUST_AT / self._length(difference).clamp_min(ROBUST_AT)).sqrt()

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 NOTHING = 1e-100  # the precision where nothing moves the residuals at all; its inverse can still be squared
 ROUNDING = 1e-14  # of the largest eigenvalue of an information matrix whose diagonal is 1
-DROWNED = 0.1  # least share of what a table says that is not taken for its noise
+DROWNED = 0.1  # least fraction of a table's signal that is not taken for its noise
 RESOLVED = 5.0  # of its own standard deviations by which information has to stand out of the table's noise
 
 
@@ -81,10 +81,10 @@ class Halves:
 
     @cached_property
     def information(self) -> Float[Tensor, "x x"]:
-        """H, but for what does not stand out of the table's noise: of that the pictures say nothing.
+        """H, but for what does not stand out of the table's noise: those are not determined by the pictures.
 
         A column of slopes that is nothing but noise is no column, lest what the noise resembles by chance were not
-        known, either. Of those that are left, the same is asked of every direction.
+        known, either. Of the remaining ones, every direction is tested likewise.
         """
         slope, noise = (torch.where(self.resolved, each, 0.0) for each in (self.slope, self.noise))
         said, of_noise = (each.flatten(0, 1).T @ each.flatten(0, 1) for each in (slope, noise))
@@ -92,7 +92,7 @@ class Halves:
 
     @property
     def unknown(self) -> Float[Tensor, "x x"]:
-        """The variance of what nothing is known of, on the scale of the slopes there, be they noise: huge, but finite.
+        """Variance of an undetermined direction, on the scale of the slopes there, be they noise: huge, but finite.
 
         It is that of the rounding, and no more.
         """
@@ -124,10 +124,10 @@ def believed(
     Args:
         said: their products, in which the noise is information, too; symmetric.
         crossed: products of slopes whose noise is independent, in which it is not; symmetric.
-        noise: of each pixel's slopes, if it shall be asked whether `crossed` stands out of it.
+        noise: of each pixel's slopes, to test whether `crossed` stands out of it.
 
     Returns:
-        `crossed`, but in no direction less than `DROWNED` of what is said, and nothing where it does not stand out.
+        `crossed`, but in no direction less than `DROWNED` of `said`, and nothing where it does not stand out.
     """
     scale = _scale(said.diagonal())
     values, vectors, rounding = _directions(said, scale)

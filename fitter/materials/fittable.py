@@ -29,7 +29,7 @@ class Fittable:
         start: determines where a search begins, from the model of the pixels, what they show, [p, 3], and the weights
             of these, [p, 3].
         half_reflecting: makes a material that reflects about half of the light, of a width.
-        examples: makes materials of a width, by what sentences call them, for a plan made before one is found.
+        examples: makes named materials of a width, for a plan made before one is found.
         essential: quantities that must be determined for a fit to have a usable material; alpha stands for ρ where
             the model is the viewer's.
         decisive: quantities whose errors a further photograph is to shrink.

@@ -21,7 +21,7 @@ from fit_material.shaders.materials.matte import Matte
 from fit_material.shaders.materials.quantities import COLOR, REFLECTANCE
 from fit_material.shaders.materials.widths import Width
 
-MATTE_REFLECTANCE = Interval(0.0, 1.5)  # the Lambertian, 1, lies inside: at an end no error could be told
+MATTE_REFLECTANCE = Interval(0.0, 1.5)  # the Lambertian, 1, lies inside: at an end no error could be stated
 
 
 @dataclass(frozen=True)

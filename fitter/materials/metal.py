@@ -62,7 +62,7 @@ class MetalCoordinates(Coordinates[Metal]):
         """The metal of a free vector.
 
         k² = (m - n)(n - 1/m) is written with n = m^t as n² (m^(1-t) - 1)(1 - m^-(1+t)), 1 ± t = 2 sigmoid(±2·tint):
-        so k and its derivative keep their digits where n comes to its limits. `REACH` ends what can be told apart.
+        so k and its derivative keep their digits where n comes to its limits. `REACH` ends what is distinguishable.
         """
         reflectivity = x[self.slices["reflectivity"]].clamp(-REACH, _MOST_REFLECTIVE)
         tint = (x[self.slices["tint"]] if self.tint is None else self.tint.to(x)).clamp(-REACH, REACH)
@@ -97,7 +97,7 @@ def tint_of(n: Float[Tensor, "3"], k: Float[Tensor, "3"]) -> Float[Tensor, "3"]:
 
         artanh(log n / log m) = ½ log[log(nm) / log(m/n)],   log(m/n) = log(1 + k²/(n(n - 1/m)))
 
-    and alike log(nm) where n < 1: what is left of a limit is told by k, which the difference of the logarithms would
+    and alike log(nm) where n < 1: the rest of a limit is determined by k, which the difference of the logarithms would
     lose. Within ±`REACH`, which stand for k = 0; 0 for the air's own n = 1, k = 0.
     """
     limit = fresnel.index_limit(fresnel.normal_reflectance(n, k))

@@ -1,4 +1,4 @@
-"""n and k as known metals suggest them, where the photographs do not tell: values, without what computes them."""
+"""n and k as known metals suggest them, where the photographs do not determine them; values alone."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ class Borrowed:
     Attributes:
         metals: those they come from, with their shares, the greatest first.
         n, k: per channel; at the fitted F0.
-        refused: why the catalogue did not serve as a prior where it was asked for.
+        refused: why the catalogue did not serve as the requested prior.
     """
 
     metals: tuple[tuple[str, float], ...]

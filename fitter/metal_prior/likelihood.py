@@ -1,4 +1,4 @@
-"""What the photographs alone say of a metal's F0 and tint, without what the fit held for likely before."""
+"""Likelihood of a metal's F0 and tint by the photographs alone, without the fit's prior."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from fit_material.shaders.optics import fresnel
 if TYPE_CHECKING:
     from fit_material.fitter.estimation.coarse_to_fine import Fit
 
-COS_D = (0.7, 0.5, 0.34)  # 45°, 60°, 70°: the mean reflectance there follows what pictures tell of the tint
+COS_D = (0.7, 0.5, 0.34)  # 45°, 60°, 70°: the mean reflectance there follows the tint that pictures determine
 FAR = 2.0  # tints: beyond, every curve is flat
 SHAPE = MetalCoordinates(WidthInterval(0.0, 1.0))  # of whose free vector the shape is the beginning
 
@@ -32,7 +32,7 @@ class Likelihood(Protocol):
     Attributes:
         f0: that was found.
         freedom: how many reflectances the photographs see.
-        least: |deviations|² of what was found.
+        least: |deviations|² of the solution.
     """
 
     @property
@@ -184,7 +184,7 @@ def _slope(shape: Float[Tensor, "6"], reach: Float[Tensor, " t"] | None = None) 
 
     Args:
         reach: half widths of secants along the three tints, in the place of tangents: where a tint is hardly known, its
-            curve is flat in places, and a tangent there would take what is not seen for known exactly.
+            curve is flat in places, and a tangent there would take undetermined directions for exactly known ones.
     """
     shape = shape.detach().requires_grad_()
     halves = _reflectances(shape).reshape(2, 3).sum(1)

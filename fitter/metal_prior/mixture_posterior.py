@@ -1,4 +1,4 @@
-"""The catalogue as a mixture of normal distributions, and its posterior under what photographs tell of a metal."""
+"""The catalogue as a mixture of normal distributions, and its posterior under the photographs' likelihood."""
 
 from __future__ import annotations
 

@@ -17,7 +17,7 @@ from fit_material.shaders.optics import fresnel
 
 COS_D = (1.0, 0.5, 0.25, 0.1)  # 0°, 60°, 76° and 84°: where the curves of metals differ
 FLOOR = 2e-3  # of a reflectance: less than this no two photographs of one metal agree by
-UNSEEN = 1e3  # of a free number, whose material stays the same beyond ± 30: errors beyond that say no more
+UNSEEN = 1e3  # of a free number, whose material stays the same beyond ± 30: errors beyond that carry no information
 
 
 def nearest_metals(

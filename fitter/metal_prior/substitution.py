@@ -1,4 +1,4 @@
-"""What known metals say of n and k where the photographs do not: the catalogue as a prior, the viewer's pair."""
+"""n and k by known metals where the photographs do not determine them: the catalogue as a prior, the viewer's pair."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ Verdicts = Mapping[str, Sequence[bool]]
 
 
 def borrow(fit: Fit, spread: Covariance, prior: Prior) -> Borrowed | TooFar | None:
-    """What known metals say of n and k: as a prior, and in the viewer's model, which cannot see them, in any case.
+    """n and k by known metals: as a prior, and in the viewer's model, which cannot see them, in any case.
 
     Args:
         fit, spread: of a material of any type, and the covariance of its free vector.
@@ -64,7 +64,7 @@ def _bare(values: Float[Tensor, "3"]) -> Triple:
 
 
 def from_prior(borrowed: Borrowed, found: Numbers, known: Verdicts) -> FromPrior | None:
-    """Which of n and k known metals stand in for: what is not determined, and what goes with it by more than its error.
+    """n and k that known metals replace: undetermined ones, and those that move with them by more than their error.
 
     Args:
         borrowed: n and k of known metals.
@@ -83,7 +83,7 @@ def from_prior(borrowed: Borrowed, found: Numbers, known: Verdicts) -> FromPrior
 
 
 def with_prior(borrowed: Borrowed, found: Numbers, known: Verdicts) -> dict[str, list[Measured]]:
-    """n and k, those of known metals in the channels that are open; what is determined keeps its own error there."""
+    """n and k, those of known metals in the undetermined channels; a determined one keeps its own error there."""
     numbers: dict[str, list[Measured]] = {}
     for key in INDEX:
         numbers[key] = list(found[key])

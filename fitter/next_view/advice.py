@@ -32,7 +32,7 @@ class Candidate(Record):
 
 
 class Best(Candidate):
-    """The view that would tell most.
+    """The most informative view.
 
     Attributes:
         nearest_view: the photograph whose direction is nearest.

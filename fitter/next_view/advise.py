@@ -1,6 +1,6 @@
 """Which further photograph would shrink the intervals of a fit most: what `fit-material advise` does.
 
-Cameras all round the object are imagined; what each would tell of the material found is its Fisher information, by the
+Cameras all round the object are imagined; the information of each about the fitted material is Fisher's, by the
 fit's own model and the noise of the photographs that there are. It takes no photograph, only the light on its pixels.
 """
 
@@ -39,13 +39,13 @@ def advise(
     result_file: Path | None = None,
     progress: Progress = lambda stage, share: None,
 ) -> Advice:
-    """Rank views that could be taken by how much they would tell. Nothing is written.
+    """Rank possible views by their information. Nothing is written.
 
     Args:
         scene_file: `scene.toml`.
         options: of the fit whose intervals are to shrink; its fidelity is the result's where there is a result.
         result_file: the scene's `result.json`; without it the scene is fitted first.
-        progress: told the stage and its share done.
+        progress: called with the stage and the fraction of it done.
 
     Raises:
         InputError: about the first thing in the input that is wrong; or the fit is one in the viewer's model.

@@ -1,4 +1,4 @@
-"""What pictures tell of a material, taken or not: their Fisher information, and the errors that it leaves."""
+"""Fisher information of pictures about a material, taken or not, and the errors that it leaves."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ VAGUE = 10.0  # standard deviation of a free number of which nothing is known: i
 
 @dataclass(frozen=True)
 class ViewInformation:
-    """What each of several pictures tells of one material.
+    """Fisher information of each of several pictures about one material.
 
     Attributes:
         per_pixel: mean information of a pixel, by picture and angle.
@@ -46,7 +46,7 @@ def told_by(
     x: Float[Tensor, " x"],
     noise: Float[Tensor, " p"],
 ) -> ViewInformation:
-    """What pictures tell of a free vector.
+    """Fisher information of pictures about a free vector.
 
         I = Σ_i g_i g_iᵀ / σ_i²,   g_i = ∂L_i/∂x / |L_i|
 
@@ -112,7 +112,7 @@ def _place(surface: GBuffer, kind: MaterialType) -> Float[Tensor, "p d"]:
 def covariance(
     information: Float[Tensor, "*v x x"], coordinates: Coordinates, x: Float[Tensor, " x"]
 ) -> Float[Tensor, "*v x x"]:
-    """Inverse of the information, with what is known before: the coordinates' prior, and `VAGUE` of every number."""
+    """Inverse of the information, with the prior: the coordinates', and `VAGUE` of every number."""
     prior = jacobian(coordinates.prior, x)
     whole = information + prior.T @ prior + torch.eye(len(x), dtype=x.dtype) / VAGUE**2
     scale = whole.diagonal(dim1=-2, dim2=-1).rsqrt()  # numbers of unlike size: the inverse keeps its digits

@@ -52,7 +52,7 @@ class Observer:
         lighting: the light, and the fidelity of the fit whose intervals are to shrink.
         photographs: those that there are.
         materials: names of the object's materials.
-        progress: told the stage and its share done.
+        progress: called with the stage and the fraction of it done.
     """
 
     trace: Tracer

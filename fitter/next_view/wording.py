@@ -56,7 +56,7 @@ def _decisive(prospects: Sequence[ExpectedGain]) -> str:
 
 
 def _remedy(prospects: Sequence[ExpectedGain]) -> list[str]:
-    """Where the photographs have more pixels than the fit takes, they can tell more without any further one."""
+    """Where the photographs have more pixels than the fit takes, a larger fit needs no further photograph."""
     finer = [prospect.finer for prospect in prospects if prospect.finer is not None]
     if len(finer) < len(prospects):
         return []

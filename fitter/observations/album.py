@@ -27,7 +27,7 @@ FULL_SIZE = 32  # thumbnails of LARGEST_SIDE; more of them are smaller, so that 
 
 @dataclass(frozen=True)
 class Thumbnail:
-    """What stays of a photograph: every `step`-th pixel in both directions, and what is to be said of it.
+    """What stays of a photograph: every `step`-th pixel in both directions, and remarks on it.
 
     Attributes:
         name, camera, exposure, clipped, nonfinite, inputs: the photograph's.
@@ -64,7 +64,7 @@ class Thumbnail:
 
 
 class Album(Sequence[Photograph]):
-    """Photographs that are read when they are asked for, one at a time.
+    """Photographs that are read on demand, one at a time.
 
     Of those that were read, the first are kept as they are, `KEPT` bytes of them, and of every one a thumbnail. Memory
     so does not grow with their number beyond that, but by some hundred bytes for each.
@@ -73,7 +73,7 @@ class Album(Sequence[Photograph]):
         seconds: spent in reading so far.
 
     Raises:
-        InputError: where a photograph is asked for that is missing or wrong; see `read_photograph`.
+        InputError: where a photograph that is used is missing or wrong; see `read_photograph`.
     """
 
     def __init__(self, readers: Iterable[Callable[[], Photograph]]) -> None:
@@ -93,7 +93,7 @@ class Album(Sequence[Photograph]):
         return Album(partial(_itself, photograph) for photograph in photographs)
 
     def taken_by(self, cameras: Sequence[Camera]) -> Album:
-        """The same photographs, said to be taken by other cameras."""
+        """The same photographs with other cameras."""
         return Album(partial(_taken_by, self, index, camera) for index, camera in enumerate(cameras))
 
     def __len__(self) -> int:
@@ -104,7 +104,7 @@ class Album(Sequence[Photograph]):
 
     @property
     def thumbnails(self) -> list[Thumbnail]:
-        """Of all photographs; those that nobody has looked at so far are read."""
+        """Of all photographs; those not read so far are read."""
         for index in range(len(self)):
             if index not in self._thumbnails:
                 self._read(index)

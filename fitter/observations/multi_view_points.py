@@ -19,7 +19,7 @@ from fit_material.renderer.rays.self_visibility import sees_itself
 LEAST_COSINE = 0.15  # n·v, below which a pixel covers too much of the surface to be about one point
 SAME_PLACE = 1e-3  # of the object's extent: what a ray meets farther from a point hides it
 SEEN_BY = 2.5  # photographs that see a point, less than which is rare where they overlap
-FEWEST = 40  # points; fewer do not tell a reflection from a colour
+FEWEST = 40  # points; fewer do not distinguish a reflection from a colour
 
 
 @dataclass(frozen=True)

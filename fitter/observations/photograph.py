@@ -95,7 +95,7 @@ def read_photograph(spec: PhotographSpec, scene_file: str | Path, index: int = 0
     outlines = []
     if seen.alpha is not None:
         inside &= seen.alpha >= COVERED
-        if not bool((seen.alpha >= COVERED).all()):  # opaque throughout, it says nothing
+        if not bool((seen.alpha >= COVERED).all()):  # opaque throughout, it carries no outline
             outlines.append(seen.alpha >= 0.5)
     if spec.mask is not None:
         outlines.append(_mask(spec.mask, radiance.shape[:2], scene_file, f"{field}.mask"))
@@ -134,7 +134,7 @@ def read_photograph(spec: PhotographSpec, scene_file: str | Path, index: int = 0
 
 
 def _require_proportions(lens: LensSpec | None, width: int, height: int, place: tuple[str | Path, str]) -> None:
-    """Raises InputError where a photograph was turned or cropped since its lens was measured."""
+    """Raises InputError where a photograph was rotated or cropped since its lens was measured."""
     if lens is not None and abs(math.log(width * lens.height / (height * lens.width))) > PROPORTIONS:
         found = f"for {lens.width:g} × {lens.height:g} pixels"
         expected = f"intrinsics for the proportions of the photograph, {width} × {height}: was it turned, or cropped?"

@@ -22,7 +22,7 @@ EDGED = 7  # rays along a pixel's side at least where most pixels have an edge i
 MANY = 1 << 20  # pixels of a photograph that are shuffled as a whole
 JPEG_BLOCK = 16  # pixels, of whose colours most cameras keep every second in either direction, in blocks of eight
 CANDIDATES = 4  # per pixel that is wanted, so that the rare grazing ones are among them
-BOUNDS = 8  # one clipped pixel at most for so many that are wanted: it tells less than they do, and costs as much
+BOUNDS = 8  # one clipped pixel at most for so many that are wanted: it determines less than they do, and costs as much
 
 
 @dataclass(frozen=True)
@@ -91,7 +91,7 @@ class Observations:
 def choose_pixels(request: PixelRequest, count: int) -> list[Observations | None]:
     """At most `count` pixels of each material, spread evenly over the angles at which the surface is seen.
 
-    Only near grazing angles does reflectance tell n from k, and a photograph has few pixels there; an even spread
+    Only near grazing angles does reflectance separate n from k, and a photograph has few pixels there; an even spread
     keeps them. Pixels whose footprint leaves the front of the object or the material are never taken; those with an
     edge inside only where most have one, those that mirror the object itself only where a photograph has few others.
     Clipped pixels come on top of them, a few for what they are worth: bounds.
@@ -255,7 +255,7 @@ def _of_material(
 
 
 def without_edge(surface: GBuffer, footprint: int) -> Bool[Tensor, " p"]:
-    """Pixels between whose rays others can be told; in the outermost they cannot, either: angles run to none there."""
+    """Pixels between whose rays others can be interpolated; not the outermost, where angles end."""
     if footprint == 1:
         return torch.ones_like(surface.hit[:, 0])
     return is_smooth(surface.normal.reshape(-1, footprint, footprint, 3))

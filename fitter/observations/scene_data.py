@@ -69,7 +69,7 @@ def load(scene_file: Path) -> Loaded:
     """Read and check a scene with its mesh and its light; photographs are read and checked one by one, later.
 
     Raises:
-        InputError: a file or field is wrong, or asks for what this version does not do.
+        InputError: a file or field is wrong, or needs what this version does not support.
     """
     scene = read_scene(scene_file)
     shape = read_shape(scene.geometry)
@@ -144,5 +144,5 @@ def _hashed(paths: Iterable[Path | None]) -> tuple[InputFile, ...]:
 
 
 def kinds_of(loaded: Loaded, options: FitOptions) -> list[MaterialType | None]:
-    """The type of each material where scene file or options tell it."""
+    """The type of each material where scene file or options give it."""
     return [loaded.kind(name, options.type) for name in loaded.materials]

@@ -15,7 +15,7 @@ from fit_material.renderer.rays.self_visibility import sees_itself
 
 ANGLE_BINS = 16  # of equal width in n·v, as `selection.choose_pixels` spreads its pixels
 LOOKED_AT = 4096  # pixels of a picture whose centres are traced, to know how many it has of each angle
-MIRRORED = 2  # times as many pixels are asked whether they mirror the object: of a hollow one, most do
+MIRRORED = 2  # times as many pixels are tested for mirroring the object: of a hollow one, most do
 
 Pixels = Int[Tensor, "p 2"]
 """Row and column."""

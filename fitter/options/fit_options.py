@@ -1,4 +1,4 @@
-"""What a fit is told beside its scene."""
+"""Options of a fit beside its scene."""
 
 from __future__ import annotations
 
@@ -22,13 +22,13 @@ class FitOptions:
         command: the command line, for the report.
         type: of the materials that the scene file leaves open: "metal", "glossy", "matte", or "auto".
         prior: "catalogue" where known metals are to stand in for n and k that the photographs leave open.
-        polish: whether metals are fitted once more with Mitsuba's paths, whatever the plan says of interreflection.
+        polish: whether metals are fitted once more with Mitsuba's paths, whatever the plan decides.
         tolerance: relative movement that no determined number is to exceed, in (0, 1): pixels, samples and levels are
             then what it takes; None where they are the fidelity's.
         refine_pose: whether the cameras are moved to where outlines and pixels agree before anything is fitted.
-        check: whether to look for what is wrong with the input, before.
+        check: whether to check the input before.
         maps: textures to recover: "color", or none.
-        wanted, unwanted: effects of `shaders.effects` that are simulated, or not, whatever the plan says.
+        wanted, unwanted: effects of `shaders.effects` that are simulated, or not, whatever the plan's verdict.
     """
 
     fidelity: Fidelity = PRESETS["standard"]

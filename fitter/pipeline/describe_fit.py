@@ -71,7 +71,7 @@ class FittedScene:
         trace: rays at its object.
         planned: the fit.
         refined: how the cameras were moved before; None where they were not.
-        warnings: what is wrong with the input, in sentences.
+        warnings: faults of the input, in sentences.
     """
 
     loaded: Loaded
@@ -140,7 +140,7 @@ def describe_fit(fitted: FittedScene, clock: Clock, command: str) -> DescribedFi
 
 
 def _curve(part: FittedPart) -> Curve | None:
-    """The reflectance curve of what mirrors."""
+    """The reflectance curve of a mirroring material."""
     fit = part.choice.fit
     if not fit.material.mirrors:
         return None
@@ -149,7 +149,7 @@ def _curve(part: FittedPart) -> Curve | None:
 
 
 def _message(fitted: FittedScene, compared: _Compared, fidelity: Fidelity) -> str:
-    """What there is to say of each material, of the plan, of the cameras, and of the input."""
+    """Remarks on each material, the plan, the cameras, and the input."""
     loaded, parts = fitted.loaded, fitted.planned.parts
     told = [part.told for part in parts]
     if len(loaded.materials) > 1:

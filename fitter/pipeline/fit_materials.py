@@ -50,9 +50,9 @@ def fit_parts(
 
     Args:
         loaded, trace, lighting, options: what there is, and how to fit it.
-        progress: told the stage and its share done.
+        progress: called with the stage and the fraction of it done.
         scene_file: for the sentences of errors.
-        kinds: types of the materials, None to find them; as scene file and options say where left out.
+        kinds: types of the materials, None to find them; as scene file and options give them where left out.
         kept: materials of which pixels are taken though they mirror the object.
     """
     types = kinds_of(loaded, options) if kinds is None else kinds
@@ -91,12 +91,12 @@ def _first_count(fidelity: Fidelity, tolerance: float | None) -> int:
 
 @dataclass(frozen=True)
 class _Problems:
-    """The least-squares problems of one material, with as many pixels and as exact light as a fidelity says.
+    """The least-squares problems of one material, with as many pixels and as exact light as a fidelity requires.
 
     Attributes:
         pixels: of all materials.
         index: of the material among the mesh's.
-        lighting: the light; its fidelity is the one asked for.
+        lighting: the light; its fidelity is the requested one.
         solver, progress, nuisances: as of `Problem`.
     """
 

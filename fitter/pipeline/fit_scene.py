@@ -55,9 +55,9 @@ def fit_scene(
         scene_file: `scene.toml`.
         out: folder; made if it is not there.
         options: how to fit.
-        progress: told the stage and its share done.
+        progress: called with the stage and the fraction of it done.
         begun: `time.perf_counter()` when the program began, so that its start-up counts as loading.
-        warn: told what is wrong with the input, if that is looked for.
+        warn: called with each fault of the input, if that is checked.
         target: where whoever called moves the files afterwards; `out` where left out.
 
     Raises:
@@ -91,7 +91,7 @@ class _Scene:
 
     Attributes:
         file: `scene.toml`.
-        loaded: what it says and names, its cameras where they are taken to stand.
+        loaded: its contents, with the cameras where they are taken to stand.
         trace: rays at its object.
         refined: how the cameras were moved; None where they were not.
     """
@@ -128,7 +128,7 @@ def _check(scene: _Scene, seed: int, progress: Progress, warn: Callable[[str], N
     try:
         most = affordable(scene.loaded.photographs)
         found = [f"Check: {each}." for each in preflight(scene.loaded, scene.trace, scene.file, seed, most)]
-    except InputError:  # the fit will say so
+    except InputError:  # the fit will report it
         return []
     except Exception as error:
         found = [f"Check: the input could not be checked ({' '.join(str(error).split())})."]

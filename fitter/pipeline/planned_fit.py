@@ -1,4 +1,4 @@
-"""The fit by a plan, which is made before anything is known and revised by what was found."""
+"""The fit by a plan, which is made before anything is known and revised by the fit."""
 
 from __future__ import annotations
 

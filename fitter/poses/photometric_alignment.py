@@ -1,4 +1,4 @@
-"""A camera's pose by what the object mirrors: pixels of the photographs, and how the model's picture moves with it."""
+"""A camera's pose by reflections: pixels of the photographs, and how the model's picture moves with it."""
 
 from __future__ import annotations
 
@@ -103,7 +103,7 @@ def shown_pixels(
 
 @dataclass(frozen=True)
 class Information:
-    """What pixels say of all poses together, whatever the material be.
+    """Information of pixels about all poses together, for any material.
 
     Attributes:
         said: matrix of the normal equations, in which the slopes' noise is information, too.
@@ -127,7 +127,7 @@ def informed(
     before: Fit | None,
     progress: Progress,
 ) -> Information:
-    """What one material's pixels say: a fit as things stand, and how they would differ by other poses.
+    """One material's pixels: a fit at the present poses, and their slopes by the poses.
 
         S = Σ DᵀD - DᵀA (AᵀA)⁻¹ AᵀD,   g = Σ Dᵀr
 
@@ -141,7 +141,7 @@ def informed(
         lighting: the light, and how accurately.
         kind: the material's type; None to find it.
         before: a fit by poses that were little different; None to begin with nothing.
-        progress: told the stage and its share done.
+        progress: called with the stage and the fraction of it done.
     """
     surface = shown.seen(trace, [pose.camera for pose in poses], lighting.fidelity.footprint)
     whole = shown.whole(surface)

@@ -1,4 +1,4 @@
-"""Small errors of cameras' poses, removed before a fit: by outlines first, then by what the object shows."""
+"""Small errors of cameras' poses, removed before a fit: by outlines first, then by its shading."""
 
 from __future__ import annotations
 
@@ -70,14 +70,14 @@ def refine_poses(
     """Find where the cameras stood: six numbers for each, from the pose that the scene gives.
 
     Gauss–Newton steps on the outline's distances and on the pixels' differences together, the material fitted anew
-    before each; poses have a prior, of `DEGREES` and `SHARE`, so that what nothing tells stays as it was.
+    before each; poses have a prior, of `DEGREES` and `SHARE`, so that undetermined motions stay as they were.
 
     Args:
         loaded: the scene.
         trace: of the object.
         lighting: the light, at `pose_fidelity`; its seed chooses pixels as well.
         kinds: types of the materials, None where that is open.
-        progress: told the stage and its share done.
+        progress: called with the stage and the fraction of it done.
         scene_file: for the error's sentence.
         varied: whether colours change from place to place, which would be taken for a shift: outlines alone count then.
 

@@ -28,7 +28,7 @@ TRIED, HALVED = 24, 14  # places along a normal, and bisections between two of t
 MOVED = 0.5  # pixels by which derivatives move the outline
 ROBUST_AT = 3.0  # standard deviations, beyond which a point counts by its size alone
 LEAST_SCATTER = 0.01  # pixels, that coverages of 8 bits leave
-MOST_APART = 1.5  # pixels, in the middle, between a mask's border and the outline that it is said to be
+MOST_APART = 1.5  # pixels, in the middle, between a mask's border and the outline that it shall be
 
 
 @dataclass(frozen=True)
@@ -54,7 +54,7 @@ class Rows:
 
 @dataclass(frozen=True)
 class Border:
-    """The border of what a photograph's mask or alpha channel covers.
+    """The border of a photograph's mask or alpha channel.
 
     Attributes:
         place: film positions along it, x and y in pixels, as `Camera.rays` counts.
@@ -128,7 +128,7 @@ class Border:
         return Rows(weight * distance, weight[:, None] * slope)
 
     def registered(self, pose: Pose, trace: Tracer) -> Pose:
-        """The pose whose outline comes nearest; what outlines do not tell is left as it was."""
+        """The pose whose outline comes nearest; motions that outlines do not determine are left as they were."""
         for reach in REACHES:
             for _ in range(STEPS):
                 rows = self.rows(pose, trace, self.reach(pose, reach))

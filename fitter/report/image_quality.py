@@ -19,7 +19,7 @@ class ViewPictures:
     """One photograph and its fit, in the photograph's own exposure.
 
     Attributes:
-        name: tells the photograph from the others; its file's name.
+        name: of the photograph's file; unique.
         photograph: linear Rec. 709, float32 [h, w, 3].
         fit: the same, of the fitted material; only read where `mask` is.
         mask: the pixels that were compared, [h, w].

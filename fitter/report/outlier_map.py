@@ -29,7 +29,7 @@ class OutlierMap:
         name: of the photograph.
         photograph: linear Rec. 709, [h, w, 3].
         deviation: fit less photograph in standard deviations of the noise that is usual at this brightness, [h, w].
-        weight: how much a pixel counted, over what is usual at this brightness, in [0, 1], [h, w].
+        weight: how much a pixel counted, over the usual weight at this brightness, in [0, 1], [h, w].
         mask: where the object is.
         outliers: share of the fitted pixels beyond `ROBUST_AT`.
     """

@@ -30,7 +30,7 @@ Rgba = UInt8[np.ndarray, "h w 4"]
 
 
 DEVIATION_RANGE = 10.0
-"""Standard deviations at the ends of the same scale, of what the fit does not explain."""
+"""Standard deviations at the ends of the same scale, of the unexplained difference."""
 
 WEIGHT_COLORS = "cividis"
 

@@ -14,7 +14,7 @@ DATA = (".py", ".csv")
 
 @cache
 def code_digest() -> str:
-    """A name for all code and data that a fit depends on, as they were when it was first asked for.
+    """A name for all code and data that a fit depends on, as they were at the first call.
 
     The same in a source tree and where it was installed from a wheel.
     """
@@ -30,5 +30,5 @@ def code_digest() -> str:
 
 
 def versions() -> dict[str, str]:
-    """Of this program and of what computes for it."""
+    """Of this program and of the libraries that compute for it."""
     return {name: version(name) for name in ("fit-material", "torch", "jax", "optimistix", "drjit", "mitsuba")}

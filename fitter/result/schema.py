@@ -86,7 +86,7 @@ class Nearest(Record):
 
 
 class Share(Record):
-    """A known material, and how much of what was taken from known ones is its."""
+    """A known material, and its share of what was taken from known ones."""
 
     name: str
     share: Annotated[float, Field(ge=0, le=1)]
@@ -96,9 +96,9 @@ class FromPrior(Record):
     """Which numbers come from known metals and not from the photographs.
 
     Attributes:
-        n, k: per channel; what is not marked is the photographs' own.
+        n, k: per channel; unmarked ones are the photographs' own.
         metals: those they come from, the greatest share first; metals unknown to the catalogue have the rest.
-        photographs95: what the photographs alone say of n and k.
+        photographs95: intervals of n and k by the photographs alone.
     """
 
     n: tuple[bool, bool, bool]
@@ -168,7 +168,7 @@ class FittedMaterial(PerParameter[float], _Named):
         determined: whether the photographs determine the number.
         nearest: known materials, nearest first.
         from_prior: the numbers that known metals stand in for; None where all are the photographs'. Their errors and
-            intervals are the prior's, too; `determined` remains what the photographs say.
+            intervals are the prior's, too; `determined` remains the photographs' verdict.
         correlation: of the photographs' own errors; None where fewer than two numbers have them.
         maps: texture files that were made; None, and not in the file, where there are none.
     """
@@ -197,7 +197,7 @@ class PictureQuality(Record):
 
 
 class PhotographQuality(PictureQuality):
-    """The quality of one photograph, which `name` tells apart from the others."""
+    """The quality of one photograph, by its `name`."""
 
     name: str
 
@@ -259,7 +259,7 @@ class Rung(Record):
 
 
 class Tolerance(Record):
-    """How one material's fit met the tolerance asked for, or why it did not.
+    """How one material's fit met the requested tolerance, or why it did not.
 
     Attributes:
         material: its name.
@@ -285,7 +285,7 @@ class Nuisance(Record):
         channel: "red" or "blue" of a white balance, whose green is 1.
         value, stderr, interval95, determined: as of a material's numbers.
         before95: where 95 % of its prior lie, which is log-normal, and normal for the rotation.
-        by_surroundings: whether what is seen behind the object told it before the object was looked at.
+        by_surroundings: whether the background determined it before the object's pixels were used.
     """
 
     name: Literal["exposure", "white_balance", "scale", "rotation"]
@@ -314,8 +314,8 @@ class RefinedCamera(Record):
 
     Attributes:
         name: of the photograph.
-        degrees, percent: by how much it was turned, and shifted, of its distance from the object's middle.
-        stderr_degrees, stderr_percent: what is left uncertain of it.
+        degrees, percent: by how much it was rotated, and shifted, of its distance from the object's middle.
+        stderr_degrees, stderr_percent: remaining standard errors.
         matrix: camera to world, as `scene.toml` has it.
     """
 
@@ -345,11 +345,11 @@ class Result(Record):
     """All that a fit found, and what it was found from; the content of `result.json`.
 
     Attributes:
-        message: one sentence for a person, which says why the status is what it is.
+        message: one sentence for a person, with the reason for the status.
         exposure: pixel value per radiance, one for each photograph.
-        tolerance: of each material; None, and not in the file, where none was asked for.
-        nuisances: what was fitted beside the material; None, and not in the file, where nothing was asked for.
-        cameras: of each photograph, as they were moved; None, and not in the file, where that was not asked for.
+        tolerance: of each material; None, and not in the file, where none was requested.
+        nuisances: parameters fitted beside the material; None, and not in the file, where there were none.
+        cameras: of each photograph, as they were moved; None, and not in the file, where that was not requested.
         outputs: the files written beside `result.json`; None in results that older versions wrote.
         earlier_outputs: those of earlier fits into the same folder that are still as they were; None, and not in the
             file, where there are none.

@@ -1,4 +1,4 @@
-"""The words of which the table of hard cases says what must hold."""
+"""Claims of the table of hard cases."""
 
 from __future__ import annotations
 
@@ -64,7 +64,7 @@ def near(
 
         m ε (|f| + Σ |x_i ∂f/∂x_i|)        [Higham 2002, §1.6]
 
-    to first order, if nothing in it cancels that does not cancel in f itself: that is what is claimed.
+    to first order, if nothing in it cancels that does not cancel in f itself: that is the claim.
 
     Args:
         reference: of floats by name.
@@ -158,7 +158,7 @@ def rising(name: str, sign: int = 1) -> Claim:
 
 
 def sentence(word: str) -> Claim:
-    """An experiment that tells itself, in a sentence, what does not hold."""
+    """An experiment that returns the fault in a sentence."""
     return Claim(word, lambda found, numbers: found)
 
 

@@ -1,4 +1,4 @@
-"""What this machine has of what the program needs: each check looks in a process of its own, where a crash is found."""
+"""Requirements of the program on this machine: each check runs in a process of its own, where a crash is found."""
 
 from __future__ import annotations
 

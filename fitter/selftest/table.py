@@ -67,7 +67,7 @@ def verdicts(
 
     Args:
         device: where formulas and light are computed.
-        told: each verdict as it comes, and the share that is done.
+        told: called with each verdict, and the fraction done.
     """
     compiling()  # for two seconds, beside the formulas
     found: list[Verdict] = []

@@ -28,7 +28,9 @@ from fit_material.shaders.materials.kinds import KINDS
 
 SMALLEST, LARGEST = 16, 4096  # texels along a side
 ROUNDS = 3  # of light that the object sends itself, and of the texture in it: each errs by a tenth of the last
-OVERLAPS = 1.05  # places that share a texel in the mean, from which that is told; by centres it is known to a hundredth
+OVERLAPS = (
+    1.05  # places that share a texel in the mean, from which that is reported; by centres it is known to a hundredth
+)
 LEAST_MEAN = 1e-3  # of a channel's texels, below which a tint would only be rounding
 
 
@@ -40,7 +42,7 @@ def with_color_maps(
     Args:
         planned: the fit.
         loaded, trace: its scene.
-        progress: told the stage and its share done.
+        progress: called with the stage and the fraction of it done.
         seed: of the places from which light is sent.
         interreflection: whether to count light that the object sends itself.
     """
@@ -98,7 +100,7 @@ def _unmapped(part: FittedPart, why: str) -> FittedPart:
 def _color_map(
     part: FittedPart, found: Sequence[TexelEquations], light: DiffuseLight | None, layout: Unwrapped
 ) -> ColorMap | None:
-    """The texture by which the photographs come nearest in this light; None where they tell nothing of its texels."""
+    """The texture by which the photographs come nearest in this light; None where they determine none of its texels."""
     solution = solve(found, len(layout.inside), _color(part).clamp_min(LEAST_MEAN).numpy(), light)
     if not solution.solved.any():
         return None

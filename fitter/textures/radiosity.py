@@ -1,6 +1,6 @@
 """Diffuse light on an object that hides light from itself and sends itself some: by rays from some thousand places.
 
-All light is told as the radiance that a white Lambertian body sends out of it: irradiance over π.
+All light is expressed as the radiance that a white Lambertian body sends out of it: irradiance over π.
 """
 
 from __future__ import annotations
@@ -38,12 +38,12 @@ DARK = 1e-20  # radiance that counts as none
 
 @dataclass(frozen=True)
 class Transfer:
-    """How light comes from places [n] of an object by way of what rays from points [p] meet, [m].
+    """How light comes from places [n] of an object by way of the surfaces that rays from points [p] meet, [m].
 
     Attributes:
         met: what the rays meet.
-        gathering: weighted mean over each point's rays of what they meet, [p, m]; where they meet nothing it is dark.
-        spreading: what is known at the places to what is met, [m, n].
+        gathering: weighted mean over each point's rays, [p, m]; where they meet nothing it is dark.
+        spreading: from the places to the surfaces that are met, [m, n].
     """
 
     met: Met

@@ -1,4 +1,4 @@
-"""What the photographs say of a texture: for each pixel where it looks, how it is lit, and what it mirrors besides.
+"""Linear equations of a texture by pixels: where each looks, how it is lit, and what it mirrors besides.
 
 seen = mirrored + body · mean of the texture over the pixel
 """
@@ -126,9 +126,9 @@ def rows(
 
     Args:
         part: the material, and its light.
-        photographs, trace, left_out: of what.
-        found: the places by which rows tell their diffuse light; None where they know it all.
-        progress: told the share done.
+        photographs, trace, left_out: of the scene.
+        found: the places whose diffuse light the rows depend on; None where they know it all.
+        progress: called with the fraction done.
     """
     looked_at = [index for index in range(len(photographs)) if index not in left_out]
     pixels = int(photographs[looked_at[0]].mask.sum()) * len(looked_at)
@@ -160,8 +160,8 @@ def radiosity_on(
     returning: bool,
     seed: int,
 ) -> Radiosity | None:
-    """How the object's places are lit; None where a map says what it hides, where nothing does or shall, or where the
-    material is seen too little.
+    """How the object's places are lit; None where a map gives its occlusion, where nothing occludes or shall, or
+    where the material is seen too little.
 
     Args:
         part, photographs, trace, left_out: as of `rows`.

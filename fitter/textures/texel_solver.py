@@ -18,12 +18,15 @@ from fit_material.fitter.least_squares.noise import MAD_TO_SIGMA, relative_weigh
 from fit_material.fitter.textures.texel_equations import TexelEquations
 from fit_material.renderer.images.textures import texel_weights
 
-ROUNDS = 6  # of weights by what the last one left
+ROUNDS = 6  # of weights by the last one's residuals
 ROBUST_AT = 6.0  # standard deviations of the noise, whose skew a nearer threshold would take for darkness
-FIRST_SCATTER, FIRST_STEP = 0.02, 0.1  # of pixels and between texels; what is smoothed first has no edges to be found
+FIRST_SCATTER, FIRST_STEP = (
+    0.02,
+    0.1,
+)  # of pixels and between texels; a first smoothing that is stronger hides the edges
 LEAST_SCATTER = 1e-4  # of float32's rounding and of the light's
-OUTLIER = 5.0  # standard deviations beyond which a pixel says no more of the scatter about it
-AROUND = 2.0  # texels, standard deviation of what the scatter about one is a mean over
+OUTLIER = 5.0  # standard deviations beyond which a pixel does not count for the scatter about it
+AROUND = 2.0  # texels, standard deviation of the window over which scatter is averaged
 STEP = 0.03  # mean size of the steps between neighbouring texels: flat with edges, as most things are
 LEAST_STEP = 0.003  # linear, below which steps are not seen
 ITERATIONS = 200
@@ -39,7 +42,7 @@ class Solution:
 
     Attributes:
         color: linear Rec. 709, [h, w, 3]; 0 where not solved.
-        solved: whether any pixel says something of the texel.
+        solved: whether any pixel constrains the texel.
         photographs: how many see it.
         scatter: of the photographs about the texture, relative.
     """
@@ -75,7 +78,7 @@ def solve(
     one side of it, and dark texels are to be known as well as bright ones. σ is the scatter of the pixels around, about
     the last round's texture; beyond `ROBUST_AT` of it they count by their distance alone. Neighbouring texels t, u
     differ by τ = `STEP` in the mean, with the wide tails of total variation [Rudin et al. 1992], by reweighted least
-    squares: noise is smoothed where there is nothing else, edges stay, and without noise the prior says nothing.
+    squares: noise is smoothed where there is nothing else, edges stay, and without noise the prior has no weight.
 
     Args:
         rows: of each photograph.

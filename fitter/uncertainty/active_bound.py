@@ -1,7 +1,7 @@
-"""What is told of a matte fit that went beyond what materials can be: their reflectance ends at the Lambertian's 1.
+"""Reports of matte fits beyond the physical range: reflectance ends at the Lambertian's 1.
 
-A fit may pass it, so that its error can be told; but the colour that it found there goes with that reflectance and with
-no other. So what is reported is the fit whose reflectance is held at 1, where the free one came out above.
+A fit may pass it, so that its error can be stated; but the colour that it found there goes with that reflectance and
+with no other. So the reported fit is the one whose reflectance is held at 1, where the free one came out above.
 """
 
 from __future__ import annotations
@@ -60,7 +60,7 @@ class LambertianCoordinates(Coordinates[Matte]):
 
 
 def reported(fit: Fit) -> tuple[Fit, Covariance]:
-    """A fit as material, pictures and exposures are told from it, and the covariance of its free vector.
+    """A fit as material, pictures and exposures are derived from it, and the covariance of its free vector.
 
     Reflectances that are held may lie below 1 nevertheless, and what they are free to do there counts as an error of
     theirs and of the numbers that follow them: the second moment about 1 of their normal distribution, cut off there.

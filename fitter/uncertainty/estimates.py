@@ -1,4 +1,4 @@
-"""The numbers of a fit, each with what is known of its error."""
+"""The numbers of a fit, each with its error."""
 
 from __future__ import annotations
 
@@ -20,8 +20,8 @@ from fit_material.shaders.materials.quantities import ALPHA, QUANTITIES, ROUGHNE
 from fit_material.shaders.materials.types import Material
 from fit_material.shaders.optics import fresnel
 
-RESOLVED = 1e-12  # of a value: float64 says nothing of smaller errors; a free number far beyond its domain has such
-COVERED = 0.9  # of a domain: an interval that leaves out no more says what was known without any photograph
+RESOLVED = 1e-12  # of a value: float64 does not resolve smaller errors; a free number far beyond its domain has such
+COVERED = 0.9  # of a domain: an interval that leaves out no more is the prior's
 
 
 def reported_quantities(material: Material) -> tuple[Quantity, ...]:
@@ -122,7 +122,7 @@ def _domains(fit: Fit, quantity: Quantity) -> list[tuple[float, float]]:
 
 
 def paired(n: Sequence[Measured], k: Sequence[Measured], fit: Fit) -> dict[str, list[Measured]]:
-    """n and k, of which neither says more than its domain where the other does not: both run round one circle."""
+    """n and k, of which neither is narrower than its domain where the other is not: both run round one circle."""
     told = [a.stderr is not None and b.stderr is not None for a, b in zip(n, k, strict=True)]
     return {
         each.name: [own if known else bare for own, known, bare in zip(numbers, told, unseen(fit, each), strict=True)]
@@ -145,6 +145,6 @@ def of_viewer(rho: ViewerRoughness) -> Measured:
 
 
 def resolution(kind: MaterialType, key: str) -> tuple[float, float]:
-    """`Quantity.resolved` by which a number counts as determined: 0.02 says much of a metal's F0, and nothing of
+    """`Quantity.resolved` by which a number counts as determined: 0.02 determines much of a metal's F0, and nothing of
     0.04."""
     return QUANTITIES[KINDS[kind].same_as.get(key, key)].resolved

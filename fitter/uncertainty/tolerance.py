@@ -1,4 +1,4 @@
-"""As accurate as asked, and no more: fits of growing effort until no determined number is expected to move further.
+"""As accurate as requested, and no more: fits of growing effort until no determined number is expected to move further.
 
 A fit knows the standard error of each number, and by its light table's halves which share of that the integration
 brought. More pixels lessen all of it, more samples that share, more roughness levels what interpolation between them
@@ -39,7 +39,7 @@ from fit_material.shaders.materials.quantities import Quantity
 
 SURE = 2.1  # standard errors that the largest of ten errors keeps to in 95 %: 1.96 where one dwarfs all others
 AIM = 0.8  # of the tolerance: an effort is chosen by errors that are themselves estimates
-FIRST_PIXELS, FIRST_SAMPLES, FIRST_LEVELS = 3000, 256, 5  # of fewer levels no error of interpolation can be told
+FIRST_PIXELS, FIRST_SAMPLES, FIRST_LEVELS = 3000, 256, 5  # of fewer levels no error of interpolation can be estimated
 LAST_SAMPLES, LAST_LEVELS = 8192, 9
 MOST_RUNGS = 6
 GROWTH = (1, 1.5, 2, 3, 4, 6, 8, 12)  # of pixels or samples from one rung to the next
@@ -92,7 +92,7 @@ class Ascent:
         return f"The {_share(self.asked)} asked for are not reached: {moves} ({last.of}); {why}; {spent}."
 
     def followed_by(self, fit: Fit, problem: Problem) -> Ascent:
-        """The same with a fit after the last one, whose numbers are reported instead: what is promised is of these."""
+        """The same with a fit after the last one, whose numbers are reported instead: the promise holds for these."""
         rung = _rung(outlook_of(fit, problem), time.perf_counter() - self.begun)
         return replace(self, problem=problem, choice=replace(self.choice, fit=fit), rungs=(*self.rungs, rung))
 
@@ -184,7 +184,7 @@ class Effort:
 
 
 def require_tolerance(tolerance: float, fidelity: Fidelity) -> None:
-    """Raises InputError where no fit could be told to keep to the tolerance."""
+    """Raises InputError where no fit can be checked against the tolerance."""
     if not 0 < tolerance < 1:
         raise InputError("--tolerance", value=tolerance, expected="a relative movement between 0 and 1, such as 0.01")
     if fidelity.blurs:
@@ -254,7 +254,7 @@ def outlook_of(fit: Fit, problem: Problem) -> Outlook:
 
 
 def _interpolation(fit: Fit) -> Float[Tensor, " x"]:
-    """How far the free vector would move if one roughness level fewer were interpolated: more than what is left."""
+    """Movement of the free vector by interpolating one roughness level fewer: more than the remaining error."""
     residuals = fit.residuals
     without = residuals.model.without_highest_level()
     if without is None:
@@ -269,7 +269,7 @@ def _interpolation(fit: Fit) -> Float[Tensor, " x"]:
 
 
 def _rung(outlook: Outlook, seconds: float) -> Rung:
-    """What is told of one effort."""
+    """The record of one effort."""
     effort = outlook.effort
     movement = float(outlook.movement.max()) if len(outlook.names) else None
     worst = outlook.names[int(outlook.movement.argmax())] if len(outlook.names) else None

@@ -68,5 +68,5 @@ def _without_its_remarks() -> Iterator[None]:
         finally:
             caught.seek(0)
             others = [line for line in caught if not line.startswith((b"jit_", b"jitc_"))]
-            with suppress(OSError):  # nobody reads it
+            with suppress(OSError):  # the reader has closed it
                 os.write(2, b"".join(others))

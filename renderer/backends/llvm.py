@@ -86,7 +86,7 @@ def prepare() -> Choice:
     os.environ[LIBRARY] = choice.chosen.library if choice.chosen else os.devnull
     if not unwanted:
         for sentence in [*_misspelt(), *complaints(choice, requested)]:
-            with suppress(OSError):  # nobody reads errors, or they cannot be written
+            with suppress(OSError):  # standard error is closed, or cannot be written
                 print(f"fit-material: {printable(sentence)}", file=sys.stderr, flush=True)
     if choice.chosen is None:
         os.environ[SWITCH] = NONE

@@ -1,4 +1,4 @@
-"""The library Mitsuba, which loads plugins of its own and nobody else's."""
+"""The library Mitsuba, which loads its own plugins only."""
 
 from __future__ import annotations
 

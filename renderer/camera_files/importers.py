@@ -43,7 +43,7 @@ def with_cameras(scene_file: Path, listed: Any, cameras: Path) -> Any:
     if listed is None:
         return read_cameras(cameras, None)
     if not (isinstance(listed, list) and all(isinstance(table, dict) for table in listed)):
-        return listed  # of the wrong type, which the check of the whole scene says best
+        return listed  # of the wrong type, which the check of the whole scene reports best
     frames = read_cameras(cameras, [_first_image(table) for table in listed])
     if len(listed) != len(frames):
         remedy = f"as many as {cameras.name} has cameras, {len(frames)}"
@@ -55,6 +55,6 @@ def with_cameras(scene_file: Path, listed: Any, cameras: Path) -> Any:
 
 
 def _first_image(table: dict[str, Any]) -> str:
-    """What a photograph's table calls its image, or the first of several; whether it is one, its own check says."""
+    """What a photograph's table calls its image, or the first of several; its own check tests whether it is one."""
     images = table.get("images") or [table.get("image")]
     return str(images[0] if isinstance(images, list) else images)

@@ -1,6 +1,6 @@
 """The elements of a Mitsuba scene file, with the values of their `$name`s; files of that kind name code to run.
 
-So nothing of Mitsuba's is asked to read them: elements, their attributes and names of plugins are of closed lists.
+So none of Mitsuba's code reads them: elements, their attributes and names of plugins are of closed lists.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ class Node:
     element: Element
 
     def refused(self, value: str, expected: str) -> InputError:
-        """The sentence about this element, of which `value` is what is wrong."""
+        """The error about this element, of which `value` is wrong."""
         return InputError(self.file, self.field, shortened(value), expected)
 
     def attributes(self, required: Collection[str], optional: Collection[str] = ()) -> Mapping[str, str]:

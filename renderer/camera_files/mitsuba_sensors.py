@@ -148,7 +148,7 @@ def _axis(parts: Mapping[str, Node], aspect: float) -> str:
 
 
 def _focal_length(parts: Mapping[str, Node]) -> float:
-    """In mm, for film of 36 mm × 24 mm; 50 where nothing is said."""
+    """In mm, for film of 36 mm × 24 mm; 50 where left out."""
     if "focal_length" not in parts:
         return 50.0
     return parts["focal_length"].number_in(parts["focal_length"].text().removesuffix("mm"))

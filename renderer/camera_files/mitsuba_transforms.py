@@ -15,7 +15,7 @@ _AXES = ("x", "y", "z")
 
 
 def transform(node: Node) -> Matrix:
-    """What a `transform` says: its parts one after another, points being columns.
+    """The matrix of a `transform`: its parts one after another, points being columns.
 
     Raises:
         InputError: a part is no transform of Mitsuba's, or has no finite numbers.
@@ -27,7 +27,7 @@ def transform(node: Node) -> Matrix:
             raise node.refused(f"with <{part.element.tag}>", f"no elements but {', '.join(_PARTS)}")
         if len(part.element):
             raise part.refused("with elements inside", "numbers alone")
-        with np.errstate(all="ignore"):  # of what is not finite afterwards
+        with np.errstate(all="ignore"):  # not finite afterwards
             matrix = _PARTS[part.element.tag](part) @ matrix
         if not np.isfinite(matrix).all():
             raise part.refused("beyond all numbers", "a transform that moves points by a finite length")

@@ -19,7 +19,7 @@ DISTORTION = ("k1", "k2", "p1", "p2", "k3")
 
 
 class _Lens(Checked):
-    """What both the file and each of its frames may say about the lens; lengths in pixels."""
+    """Lens parameters of the file or of a frame; lengths in pixels."""
 
     model_config = ConfigDict(extra="ignore")
 
@@ -84,7 +84,7 @@ def _load_json(path: Path) -> Any:
 
 
 def _camera(path: Path, index: int, lens: _Lens) -> dict[str, Any]:
-    """What the frame says of the lens: an angle of view, or intrinsics."""
+    """The frame's lens: an angle of view, or intrinsics."""
     field = f"frames[{index}]"
     if lens.camera_model is not None and lens.camera_model not in OPENCV_MODELS:
         expected = f"one of {', '.join(OPENCV_MODELS)}: undistort the images first"

@@ -65,7 +65,7 @@ class Pose:
         return replace(self.given, camera_to_world=self.given.camera_to_world @ motion)
 
     def ways(self, angle: float) -> Float[Tensor, "6 6"]:
-        """Six motions that tell shading from outlines: about the object's middle, aside in the picture, and nearer.
+        """Six motions that separate shading from outlines: about the object's middle, aside in the picture, and nearer.
 
         Args:
             angle: how far, in radians; aside and nearer, the share of the object's radius by which its picture moves.
@@ -91,7 +91,7 @@ class Pose:
 
     @property
     def degrees(self) -> float:
-        """The angle by which the camera was turned."""
+        """The angle by which the camera was rotated."""
         return DEGREES * float(self.motion[:3].norm())
 
     @property

@@ -57,5 +57,5 @@ def analysis(places: Float[Tensor, " count"]) -> Float[Tensor, "count count"]:
 
 @functools.cache
 def _at_extrema(count: int) -> Float[Tensor, "count count"]:
-    """The same of `nodes(count)`, float64; asked for again and again."""
+    """The same of `nodes(count)`, float64; cached."""
     return analysis(nodes(count))

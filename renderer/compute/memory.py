@@ -31,7 +31,7 @@ def require_memory(path: str | Path, taken: float, field: str = "", value: objec
 
 
 def available_memory() -> int:
-    """Bytes that this process may still take: what is left of the machine's, its control group's and its own limit."""
+    """Bytes that this process may still take: the rest of the machine's, its control group's and its own limit."""
     import psutil
 
     return max(0, min(psutil.virtual_memory().available, address_space(), *control_groups()))

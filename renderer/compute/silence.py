@@ -14,7 +14,7 @@ _lock = threading.RLock()  # the streams are the process's: who came second woul
 
 @contextmanager
 def redirected(descriptors: Sequence[int], target: int) -> Iterator[None]:
-    """Inside the block, what is written to `descriptors` goes to `target`; one that was closed is closed again.
+    """Inside the block, output to `descriptors` goes to `target`; one that was closed is closed again.
 
     Args:
         descriptors: of standard streams.

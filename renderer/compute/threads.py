@@ -52,7 +52,7 @@ _limit: list[int] = []
 
 
 def limit_cores(count: int) -> None:
-    """From now on this process computes on so many cores at a time: torch, Dr.Jit, and what is shared out here.
+    """From now on this process computes on so many cores at a time: torch, Dr.Jit, and the threads of this module.
 
     Where several processes have a share of the machine each, those that took all of it would wait for each other.
     """

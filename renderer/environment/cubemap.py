@@ -93,7 +93,7 @@ def lookup(cubemap: Cubemap, directions: Float[Tensor, "*p 3"]) -> Float[Tensor,
 def smooth_lookup(
     bordered: Float[Tensor, "6 m m c"], margin: int, directions: Float[Tensor, "*p 3"]
 ) -> Float[Tensor, "*p c"]:
-    """The value in each direction of what is smooth, by polynomials of degree five through 6 × 6 texels.
+    """The value of a smooth function in each direction, by polynomials of degree five through 6 × 6 texels.
 
     Bilinear lookups lie within the texels' values: below a curve's crests and above its troughs, everywhere.
 

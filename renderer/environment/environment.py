@@ -19,7 +19,7 @@ class Environment:
 
     Attributes:
         radiance: [h, w, 3], float32, finite and >= 0, already multiplied by the scene's `scale`.
-        rotation: degrees by which the map is turned about +Y, counter-clockwise seen from above.
+        rotation: degrees by which the map is rotated about +Y, counter-clockwise seen from above.
         repaired: number of texels that were negative or not finite in the file and were replaced.
     """
 

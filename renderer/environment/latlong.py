@@ -21,7 +21,7 @@ class LatLong:
     Attributes:
         texels: [1, c, h + 2, w + 2]; a border of one texel, wrapped left and right and repeated at the poles, makes
             every lookup an ordinary one.
-        rotation: degrees by which the map is turned about +Y.
+        rotation: degrees by which the map is rotated about +Y.
     """
 
     texels: Float[Tensor, "1 c h+2 w+2"]

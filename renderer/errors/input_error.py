@@ -8,7 +8,7 @@ from fit_material.renderer.errors.printable import printable
 
 
 class InputError(Exception):
-    """Wrong input, told in one sentence: which file, which field, the value, what was expected.
+    """Wrong input, in one sentence: which file, which field, the value, what was expected.
 
     Args:
         file: the file at fault, or a command-line option such as `--alpha`.

@@ -10,7 +10,7 @@ _CONTROL = re.compile("[\x00-\x1f\x7f-\x9f\u2028\u2029]")  # C0, DEL, C1, and se
 
 
 def printable(text: str) -> str:
-    r"""A text in one line; what is no visible character is spelled out: \n, \x1b, \ufeff, \u202e, \ud800."""
+    r"""A text in one line; characters that are not visible are spelled out: \n, \x1b, \ufeff, \u202e, \ud800."""
     return "".join(each if each.isprintable() else _spelled(each) for each in text)
 
 

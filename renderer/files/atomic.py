@@ -18,7 +18,7 @@ from fit_material.renderer.files.replaceable import ANYTHING, Replaceable
 from fit_material.renderer.files.unfinished import prefix_here, sweep
 
 FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)  # nothing is wrong with what was to be written
-LONGEST_NAME = 255  # bytes, where a disk does not say
+LONGEST_NAME = 255  # bytes, where a disk gives none
 
 
 def write_text_atomically(path: str | Path, text: str) -> None:
@@ -76,7 +76,7 @@ def replaced_together(
         last: the file moved after all others, so that whoever sees the new one sees all of them.
         option: the command-line option that named the folder, for the error's sentence.
         replaceable: which files of `directory` may be replaced by others; looked at before the first is moved.
-        size: bytes that the block will write, or about so many: told at once where the disk has no room for them.
+        size: bytes that the block will write, or about so many: an error at once where the disk has no room for them.
 
     Yields:
         An empty folder inside `directory`; files in its subfolders keep their relative path.

@@ -45,7 +45,7 @@ def _is_plain(name: str) -> bool:
 
 
 def _write_journal(source: Path, states: dict[str, str | None]) -> None:
-    """Whole or not at all, as it is what says that all files are there."""
+    """Whole or not at all, as it marks that all files are there."""
     unready = source / f"{JOURNAL}.new"
     unready.write_text(json.dumps(states), "utf-8")
     os.replace(unready, source / JOURNAL)

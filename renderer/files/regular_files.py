@@ -25,7 +25,7 @@ def special(path: str | Path) -> str | None:
 
 
 def require_regular(path: str | Path) -> None:
-    """Refuse what is there and is no file that ends; what is missing is its reader's to refuse.
+    """Refuse what exists and is no file that ends; a missing one is its reader's to refuse.
 
     Raises:
         InputError: a pipe, socket or device.

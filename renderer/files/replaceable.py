@@ -16,7 +16,7 @@ from fit_material.renderer.files.regular_files import read_text
 
 @dataclass(frozen=True)
 class Replaceable:
-    """What there is may be replaced if this says so.
+    """A predicate that decides whether an existing file may be replaced.
 
     Attributes:
         inputs: files that the command reads.

@@ -12,7 +12,7 @@ from fit_material.renderer.files.regular_files import read_text
 
 
 def load_toml(path: Path, what: str = "scene file") -> dict[str, Any]:
-    """The tables of a TOML file; `what` it is said to be where there is none.
+    """The tables of a TOML file; `what` names it where there is none.
 
     Raises:
         InputError: it cannot be read, or is no TOML.

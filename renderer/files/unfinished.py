@@ -17,7 +17,7 @@ from fit_material.renderer.files.moves import finish
 
 PREFIX = ".unfinished-"
 ENDED = ("Z", "X")  # states of /proc/PID/stat: a zombie works no more
-SILENT = 7 * 86400  # seconds without a change, after which work of a process that nobody here can ask for is given up
+SILENT = 7 * 86400  # seconds without a change, after which work of an unreachable process is given up
 
 _NAME = re.compile(
     rf"{re.escape(PREFIX)}"
@@ -58,10 +58,10 @@ def unfinished_folder(directory: Path) -> Iterator[Path]:
 
 
 def is_abandoned(path: Path) -> bool:
-    """Whether nobody works on that file or folder any more.
+    """Whether no process works on that file or folder any more.
 
     Its process is looked up where it would run: on this machine, since it was started last. Of another machine, as on
-    network disks, of another container, and of versions that named no process, only a week of silence says so.
+    network disks, of another container, and of versions that named no process, only a week of silence decides.
     """
     match = _NAME.fullmatch(path.name)
     if match is None:

@@ -27,7 +27,7 @@ from fit_material.renderer.files.regular_files import special
 Model = TypeVar("Model", bound=BaseModel)
 
 PLAIN = "without control characters"
-DEEPEST = 100  # tables and lists inside each other, beyond which pydantic cannot tell of them; files of ours have five
+DEEPEST = 100  # tables and lists inside each other, beyond which pydantic cannot report them; files of ours have five
 
 
 class Checked(BaseModel):
@@ -129,7 +129,7 @@ def _existing(path: Path, info: ValidationInfo) -> Path:
     try:
         found = (info.context or {}).get("folder", Path()) / path.expanduser()
         there = found.exists()
-    except (RuntimeError, OSError, ValueError):  # nobody's home, a name too long, a zero byte
+    except (RuntimeError, OSError, ValueError):  # no user's home, a name too long, a zero byte
         raise unexpected("a file or folder that exists", value=shortened(str(path))) from None
     if not there:
         raise unexpected("a file or folder that exists", value=found)
@@ -233,7 +233,7 @@ def shortened(text: str, length: int = 80) -> str:
 def _rigid(rows: tuple[Row, Row, Row, Row]) -> tuple[Row, Row, Row, Row]:
     matrix = np.array(rows)
     rotation = matrix[:3, :3]
-    with np.errstate(over="ignore", invalid="ignore"):  # of what is not near 1 anyway
+    with np.errstate(over="ignore", invalid="ignore"):  # not near 1 anyway
         turned = np.abs(rotation @ rotation.T - np.eye(3)).max()
     if not turned <= 1e-4 or np.linalg.det(rotation) < 0 or np.abs(matrix[3] - [0, 0, 0, 1]).max() > 1e-4:
         raise unexpected("a rigid motion: an orthonormal right-handed rotation, and 0 0 0 1 in the last row")

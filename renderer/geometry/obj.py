@@ -2,7 +2,7 @@
 
 trimesh forgets a material's name where the MTL is missing or one of its colours has one number, and the
 normals where only some faces of a material have them; relative indices it counts from the end of the file. So
-it is given a file that says the same in one way only: absolute indices, and a number for each material and
+it is given an equivalent file in one notation only: absolute indices, and a number for each material and
 kind of face.
 """
 
@@ -24,7 +24,7 @@ Group = tuple[str, tuple[str, ...], str]
 
 @dataclass
 class PlainObj:
-    """What an OBJ file says about triangles and polygons.
+    """Triangles and polygons of an OBJ file.
 
     Attributes:
         vertices: the lines of each kind (v, vt, vn), in their order.
@@ -38,7 +38,7 @@ class PlainObj:
 
     @cached_property
     def groups(self) -> dict[Group, list[str]]:
-        """The face lines by what tells them apart; objects are named by `o`, or by `g` where `o` has one name only."""
+        """The face lines by group; objects are named by `o`, or by `g` where `o` has one name only."""
         used = [{names[level] for _, _, names in self.faces} for level in (0, 1)]
         level = 1 if len(used[0]) == 1 < len(used[1]) else 0
         groups: dict[Group, list[str]] = {}

@@ -22,7 +22,7 @@ def tangents(mesh: Mesh) -> Float[np.ndarray, "v 4"] | None:
 
     Returns:
         x, y, z of the tangent and w = ±1, so that v grows along w · (normal × tangent); None where the mesh has no
-        texture coordinates or no vertex normals. Where the coordinates do not tell a direction, as in triangles that
+        texture coordinates or no vertex normals. Where the coordinates determine no direction, as in triangles that
         are one point of the texture, the tangent is any that is perpendicular to the normal.
     """
     if mesh.uv is None or mesh.normals is None:

@@ -22,7 +22,7 @@ _ORIENTATIONS = {0: 1, 3: 3, 5: 8, 6: 6}  # LibRaw's flips as EXIF's orientation
 
 
 def raw_size(path: Path) -> Size:
-    """LibRaw's, which reads photosites only when they are asked for."""
+    """LibRaw's, which reads photosites on demand."""
     import rawpy
 
     with rawpy.imread(str(path)) as raw:

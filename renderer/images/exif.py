@@ -24,8 +24,8 @@ class Exif:
     """A file's EXIF entries.
 
     Attributes:
-        orientation: 1 to 8 [EXIF 2.3, table 6]; 1 where nothing is said.
-        seconds: exposure time; None where nothing is said, as of the next two.
+        orientation: 1 to 8 [EXIF 2.3, table 6]; 1 where there is none.
+        seconds: exposure time; None where there is none, as of the next two.
         aperture: f-number N, focal length over the diameter of the entrance pupil.
         iso: sensitivity S.
     """
@@ -59,10 +59,10 @@ def relative_exposure(path: Path) -> float:
 
         E = t · S / (100 N²)        [ISO 2720, of a reflected-light meter; constants left out]
 
-    An aperture or sensitivity that the file does not tell, as of lenses without a contact, counts as f/1 and ISO 100.
+    An aperture or sensitivity that the file lacks, as of lenses without a contact, counts as f/1 and ISO 100.
 
     Raises:
-        InputError: the file tells no exposure time.
+        InputError: the file has no exposure time.
     """
     exif = read_exif(path)
     if exif.seconds is None:
@@ -74,7 +74,7 @@ def upright(samples: Shaped[np.ndarray, "h w *c"], orientation: int) -> Shaped[n
     """The picture as it was seen, of samples as a file stores them.
 
     Args:
-        orientation: EXIF's, which says where the stored first row and first column belong.
+        orientation: EXIF's, the place of the stored first row and first column.
     """
     if orientation in (5, 6, 7, 8):  # the first row is a side
         samples = samples.swapaxes(0, 1)

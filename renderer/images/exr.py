@@ -57,7 +57,7 @@ def read_exr(path: Path) -> Float[np.ndarray, "h w c"]:
 
 
 def write_channels(path: Path, channels: dict[str, Float[np.ndarray, "h w c"]]) -> None:
-    """Write a file, deflated, and read it again: of what its last bytes met on the disk, OpenEXR tells nobody.
+    """Write a file, deflated, and read it again: OpenEXR does not report errors of the last write.
 
     Raises:
         OSError: the disk takes no more.

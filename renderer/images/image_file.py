@@ -20,7 +20,7 @@ from fit_material.renderer.images.samples import Samples, read_samples, read_sen
 ENCODING = re.compile(r"srgb|linear|gamma:(?=.*[1-9])(\d+(?:\.\d+)?)")
 ENCODING_HELP = '"srgb", "linear" or "gamma:" and a positive exponent such as "gamma:2.2"'
 
-WHITE, LOSSY_WHITE = 253.5 / 255, 247.5 / 255  # half a code below 254 and 248 of 255, where clipping is told from
+WHITE, LOSSY_WHITE = 253.5 / 255, 247.5 / 255  # half a code below 254 and 248 of 255, where clipping is recognised by
 LOSSY = (".jpg", ".jpeg")
 WITH_EXIF = (*LOSSY, ".png", ".tif", ".tiff")
 
@@ -34,7 +34,7 @@ class Image:
         alpha: coverage in [0, 1], float32 [h, w]; None where the file has no such channel.
         white: the radiance from which on a sample may be clipped; None for floating-point files, which do not clip.
         lossy: the file is compressed by blocks, so that a clipped pixel's neighbours are wrong, too.
-        full: of camera raw, pixels whose photosite was full; None for other files, of which `white` tells.
+        full: of camera raw, pixels whose photosite was full; None for other files, whose `white` decides.
     """
 
     radiance: Float[np.ndarray, "h w 3"]
@@ -52,7 +52,7 @@ def read_image(path: str | Path, encoding: str | None = None) -> Image:
         encoding: "srgb", "linear" or "gamma:2.2"; None takes integer samples for sRGB, floats and raw for linear.
 
     Returns:
-        The image, turned as its EXIF orientation says; the largest integer code becomes 1, and alpha is never decoded
+        The image, rotated by its EXIF orientation; the largest integer code becomes 1, and alpha is never decoded
         by the curve.
 
     Raises:

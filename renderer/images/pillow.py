@@ -20,7 +20,7 @@ FORMATS = (
 
 
 def pillow_size(path: Path) -> Size:
-    """By Pillow, which reads pixels only when they are asked for."""
+    """By Pillow, which reads pixels on demand."""
     with _opened(path) as picture:
         width, height = picture.size
         return Size(width, height, 3 * width * height, DEFLATED if picture.format == "PNG" else None)

@@ -35,7 +35,7 @@ def read_hdr(path: Path) -> Float[np.ndarray, "h w 3"]:
     """Linear radiance, m · 2^(e - 136).
 
     Raises:
-        InputError: the file is no such picture, is turned or mirrored, or ends or runs over before its last pixel.
+        InputError: the file is no such picture, is rotated or mirrored, or ends or runs over before its last pixel.
     """
     with path.open("rb") as file:
         height, width = _layout(path, file)
@@ -52,7 +52,7 @@ def _layout(path: Path, file: BinaryIO) -> tuple[int, int]:
     """How many rows and columns there are; the file then stands where pixels begin.
 
     Raises:
-        InputError: the file is no such picture, or one that is turned or mirrored.
+        InputError: the file is no such picture, or one that is rotated or mirrored.
     """
     data = file.read(LONGEST_HEAD)
     head = re.match(rb"#\?[^\n]*\n(?:[^\n]+\n)*?\r?\n", data)
@@ -105,7 +105,7 @@ def _unpacked(data: bytes, at: int, width: int) -> tuple[bytes, int]:
 
 
 def _read_plain(path: Path, data: bytes, at: int, line: UInt8[np.ndarray, "w 4"], row: int) -> int:
-    """A line of whole pixels; one of mantissas 1, 1, 1 repeats the one before as often as its exponent says."""
+    """A line of whole pixels; one of mantissas 1, 1, 1 repeats the one before as often as its exponent."""
     filled, shift = 0, 0
     while filled < len(line):
         pixel = data[at : at + 4]

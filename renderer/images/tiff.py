@@ -88,7 +88,7 @@ def _require_honest_strips(path: Path, page: Any) -> None:
     unpacked, most = _unpacking(page.compression), max(page.nbytes, _segment(page))
     if unpacked is None:
         return
-    harmless = HARMLESS if unpacked is _inflated else 0  # a few bytes of LZMA can ask for gigabytes of memory
+    harmless = HARMLESS if unpacked is _inflated else 0  # a few bytes of LZMA can require gigabytes of memory
     with path.open("rb") as file:
         for start, count in zip(page.dataoffsets, page.databytecounts, strict=True):
             if count > harmless:

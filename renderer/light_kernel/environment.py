@@ -71,10 +71,10 @@ class FusedLight:
         Args:
             share: of all light, along the Z-order curve, as an unsigned integer below 2³².
             block: in which that is.
-            low_bits: two further uniform numbers in [0, 1), for the digits that `share` does not tell.
+            low_bits: two further uniform numbers in [0, 1), for the digits below those of `share`.
 
         Returns:
-            unit directions in world space, what is looked up there, and the density per steradian really drawn.
+            unit directions in world space, the radiance there, and the density per steradian really drawn.
         """
         share = dr.minimum(share, _WHOLE - 2)  # below the last limit
         place = self._texel(share)
@@ -123,13 +123,13 @@ class FusedLight:
 
 
 def fused_light(environment: Environment) -> FusedLight:
-    """The arrays of an environment; those of the last one are kept, for a fit asks for one after another."""
+    """The arrays of an environment; those of the last one are kept, for a fit uses one after another."""
     return _fused_light(environment, environment.radiance._version)
 
 
 @functools.lru_cache(maxsize=1)
 def _fused_light(environment: Environment, _version: int) -> FusedLight:
-    """Arrays of an environment that is told by its tensor, and a tensor by how often it was changed."""
+    """Arrays of an environment, cached by its tensor and the tensor's version."""
     sampler = environment_sampling.build(environment)
     texels = latlong.of(environment, sampler.density.reshape(environment.radiance.shape[:2])).texels
     limits = (sampler.cumulative * _WHOLE).round().clamp_max(_WHOLE - 1).long()

@@ -33,7 +33,7 @@ from fit_material.shaders.optics.microfacets import Distribution
 Free = Callable[[Array3f], Any]
 """Whether light from a direction arrives."""
 
-EVENLY = 0.5  # share of the directions that ask for the light alone, where they serve roughnesses far apart
+EVENLY = 0.5  # fraction of the directions drawn by the light alone, where they serve roughnesses far apart
 
 
 @dataclass(frozen=True)
@@ -62,7 +62,7 @@ class Frame:
 class Directions:
     """Directions to the light: half vector, cosines of light and half vector against normal and view, and the light.
 
-    `density` is that with which the light draws such directions, as the pixel asks its blocks; `oversampling` the one
+    `density` is that with which the light draws such directions, as the pixel chooses blocks; `oversampling` the one
     really drawn over it, 1 for directions that the lobe drew; `free` whether nothing stands before the light.
     """
 

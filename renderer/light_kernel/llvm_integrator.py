@@ -49,7 +49,7 @@ def fused_available() -> bool:
 class LlvmIntegrator(Integrator):
     """One kernel that LLVM compiles; the light is on the CPU, the integrals are float32.
 
-    An occluder has to be one that Dr.Jit can ask; without one no kernel casts a ray.
+    An occluder has to be compiled for Dr.Jit; without one no kernel casts a ray.
     """
 
     def integrals(

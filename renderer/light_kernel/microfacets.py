@@ -1,6 +1,6 @@
 """Microfacet lobes inside a Dr.Jit kernel: what `shaders.optics.blur` computes in torch.
 
-Half vectors are told by their components, and sin² from the horizontal ones: in float32 that keeps lobes as narrow as
+Half vectors are given by their components, and sin² from the horizontal ones: in float32 that keeps lobes as narrow as
 α = 10⁻³, whose cosines all but round to 1.
 """
 
@@ -50,7 +50,7 @@ def reflected(view: View, cos_l: Any, h: Array3f, alpha: Any, distribution: Dist
     """BRDF · n·l without the reflectance F: D(h) G1(v) G1(l) / (4 n·v) [Walter 2007, eq. 20, 23].
 
     Args:
-        cos_l: n·l, > 0; what is returned for light from below the horizon means nothing.
+        cos_l: n·l, > 0; the value for light from below the horizon is meaningless.
     """
     sin_l = dr.safe_sqrt((1 - cos_l) * (1 + cos_l))
     if distribution == "ggx":

@@ -1,4 +1,4 @@
-"""What stands before the light, asked inside a Dr.Jit kernel: what `rays.occlusion` asks of torch's tensors."""
+"""Occlusion inside a Dr.Jit kernel: the twin of `rays.occlusion`, which takes torch's tensors."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Which blocks of the light each pixel asks, inside Dr.Jit kernels: what the module of this name computes in torch."""
+"""Choice of blocks of the light by each pixel, inside Dr.Jit kernels; the module of this name is its twin in torch."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from fit_material.renderer.light_sampling.product_sampling import COLUMNS, EVEN,
 
 _COUNT = ROWS * COLUMNS
 _WHOLE = 2**32  # a chance of 1, in fixed point
-_ROUNDED = 1 - 2e-5  # less what the rounding of as many chances may add up to; the last block takes what is left
+_ROUNDED = 1 - 2e-5  # less what the rounding of as many chances may add up to; the last block takes the rest
 _HALVINGS = _COUNT.bit_length() - 1
 
 
@@ -50,7 +50,7 @@ class FusedBlocks:
 
 @dataclass(frozen=True)
 class Asked:
-    """The chances of each pixel to ask each block.
+    """Probability of each block, by pixel.
 
     Attributes:
         blocks: of the light.

@@ -15,7 +15,7 @@ from fit_material.renderer.environment.environment import directions
 from fit_material.renderer.errors.input_error import InputError
 from fit_material.shaders.optics.fresnel import conductor
 
-RIM = 0.15  # n·v within which the ball is too foreshortened: what is less than 17° off straight behind it
+RIM = 0.15  # n·v within which the ball is too foreshortened: directions less than 17° off straight behind it
 SMALLEST = 0.1  # of the picture's shorter side: radii that are looked for
 TRIED_SIZE = 256  # pixels along the longer side, for finding the ball roughly
 NEAR = 0.08  # of the radius: edges that belong to the outline

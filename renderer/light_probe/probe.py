@@ -32,7 +32,7 @@ class Probe:
     Attributes:
         circle: the ball's outline.
         clipped: share of the ball's pixels that every exposure clips, or that lie beside such: lamps there are
-            brighter than the map says.
+            brighter than the map.
     """
 
     circle: Circle
@@ -77,7 +77,7 @@ def probe(
     usable = seen.finite & ~seen.clipped
     if not (seen.radiance[seen.finite] > 0).any():
         raise InputError(balls[0], expected="light on the ball, but it is black")
-    radiance = torch.where(seen.finite[..., None], seen.radiance, 0.0)  # of clipped lamps what is known at least
+    radiance = torch.where(seen.finite[..., None], seen.radiance, 0.0)  # of clipped lamps a lower bound
     if circle is not None:
         _require_inside(circle, radiance.shape[1], radiance.shape[0])
     found = circle or find_ball(radiance.numpy(), balls[0])

@@ -1,4 +1,4 @@
-"""Directions in which a pixel's lobe and its surroundings are asked for light."""
+"""Directions drawn by a pixel's lobe and by its surroundings."""
 
 from __future__ import annotations
 
@@ -77,7 +77,7 @@ class Directions:
 
     Attributes:
         cos_l, cos_h: cosines of light and half vector against the normal.
-        sin2_h: squared sine of the half vector's angle, which a narrow lobe's cosine does not tell.
+        sin2_h: squared sine of the half vector's angle, which a narrow lobe's cosine does not resolve.
         cos_d: cosine of the half vector against the view.
         radiance: of the environment.
         lamp_density: density with which the environment draws such directions, interpolated between texels.

@@ -1,4 +1,4 @@
-"""The surroundings in a few hundred blocks, of which each pixel asks those the most that its lobe shows bright.
+"""The surroundings in a few hundred blocks, of which each pixel draws those most often that its lobe shows bright.
 
 Drawn in proportion to all light, directions go to the brightest lamps, wherever they are; what a pixel shows is the
 lamp that its lobe points at, dim as it may be. So a block is chosen by its light times the lobe in its direction, and
@@ -17,7 +17,7 @@ from fit_material.renderer.environment.environment import Environment, direction
 from fit_material.shaders.optics import microfacets
 
 ROWS, COLUMNS = 16, 32  # blocks of 11°: within them a lobe as wide as 0.1 hardly changes
-EVEN = 0.1  # share of the directions that ask for the light alone, so that no block is ever left out
+EVEN = 0.1  # fraction of the directions drawn by the light alone, so that no block is ever left out
 
 
 @dataclass(frozen=True)
@@ -65,7 +65,7 @@ def build(environment: Environment, share: Float[Tensor, "h w"]) -> ImportanceBl
 
 
 def turned(towards: Float[Tensor, "*p 3"], degrees: float) -> Float[Tensor, "*p 3"]:
-    """Directions of the map's own axes in world space: the map is turned about +Y, counter-clockwise from above."""
+    """Directions of the map's own axes in world space: the map is rotated about +Y, counter-clockwise from above."""
     angle = torch.deg2rad(torch.tensor(degrees, dtype=towards.dtype))
     cos, sin = torch.cos(angle), torch.sin(angle)
     x, y, z = towards.unbind(-1)
@@ -92,7 +92,7 @@ def chances(
     towards: tuple[Float[Tensor, "p k"], ...],
     alpha: Float[Tensor, "p 1"],
 ) -> Float[Tensor, "p k"]:
-    """Probability by which each pixel asks each block.
+    """Probability of each block, by pixel.
 
     The lobe is widened by the block's own extent, for its middle stands for all of it.
 

@@ -3,7 +3,7 @@
     ∫ L(l) T(n·l) max(0, n·l)/π dl = Σ_b t_b D_b(n),    T(c) = Σ_b t_b T_b(2√c - 1)
 
 The Chebyshev polynomials T_b stand in √c because a rough interface's transmittance changes fastest at grazing angles.
-The D_b are integrated once; whatever material is asked for afterwards only has other t_b.
+The D_b are integrated once; another material only has other t_b.
 """
 
 from __future__ import annotations
@@ -96,7 +96,7 @@ def coefficients(
 
 
 def blocks(environment: Environment, most: int = _BLOCKS) -> tuple[Float[Tensor, "t 3"], Float[Tensor, "t 3"]]:
-    """The environment as a few thousand lamps, `most` at most; the last ones are kept, for a plan asks for them often.
+    """The environment as a few thousand lamps, `most` at most; the last ones are kept, for a plan uses them often.
 
     Returns:
         unit direction towards each block's centre of light, in world space, and its radiance times solid angle;
@@ -107,7 +107,7 @@ def blocks(environment: Environment, most: int = _BLOCKS) -> tuple[Float[Tensor,
 
 @functools.lru_cache(maxsize=2)
 def _blocks(environment: Environment, _version: int, most: int) -> tuple[Float[Tensor, "t 3"], Float[Tensor, "t 3"]]:
-    """The lamps of an environment that is told by its tensor, and a tensor by how often it was changed."""
+    """The lamps of an environment, cached by its tensor and the tensor's version."""
     levels = [_moments(_refined(environment))]
     while levels[-1].shape[-2] > (_COARSEST if most >= _BLOCKS_ASKED else _COARSEST // 4):
         levels.append(4 * torch.nn.functional.avg_pool2d(levels[-1], 2))

@@ -4,7 +4,7 @@
 
 The reflectance of a facet, F(cos_d), is expanded in the few functions of `reflectance_basis`; the table holds the
 light weighted by each of them at a few roughnesses. What depends on the material is then only the f_b, found from
-F at a few angles, and the interpolation weights w_a: a fit may ask for thousands of materials at no cost.
+F at a few angles, and the interpolation weights w_a: a fit may evaluate thousands of materials at no cost.
 """
 
 from __future__ import annotations
@@ -143,7 +143,7 @@ def microfacet_table(
 
 
 def integrator_for(environment: Environment, occluder: Occluder | None) -> Integrator:
-    """The compiled kernel where it serves: on the CPU, in float32, with LLVM, and a mesh that Dr.Jit can ask."""
+    """The compiled kernel where it serves: on the CPU, in float32, with LLVM, and an occluder that is compiled."""
     radiance = environment.radiance
     serves = radiance.device.type == "cpu" and radiance.dtype == torch.float32 and fused_available()
     return LlvmIntegrator() if serves and (occluder is None or occluder.compiled is not None) else TorchIntegrator()

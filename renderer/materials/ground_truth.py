@@ -227,7 +227,7 @@ TRUE_TYPES: Registry[type[TrueMaterial]] = Registry(TrueMetal, TrueGlossy, TrueM
 
 
 def require(option: str, value: object, fulfilled: bool, expected: str) -> None:
-    """Raises InputError where what is expected of a command-line option's value is not fulfilled."""
+    """Raises InputError where a command-line option's value is not as expected."""
     if not fulfilled:
         raise InputError(option, value=value, expected=expected)
 

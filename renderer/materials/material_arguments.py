@@ -1,4 +1,4 @@
-"""What a user says a synthetic object is made of: options of `synth`, or a file of materials by name."""
+"""The materials of a synthetic object: options of `synth`, or a file of materials by name."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def true_material(type: str = "auto", distribution: Distribution = "ggx", **desc
             catalogue in the place of `n` and `k`; None is one that is not given.
 
     Raises:
-        InputError: too much or too little is said for one material, or a value is out of its range; names the
+        InputError: too many or too few numbers are given for one material, or a value is out of its range; names the
             command-line option.
     """
     given = {key: value for key, value in described.items() if value is not None}
@@ -49,14 +49,14 @@ def _type_of(given: Mapping[str, Any]) -> str:
 
 
 def shading_model(asked: ShadingModel | None, *materials: TrueMaterial) -> ShadingModel:
-    """The model that was asked for; else the viewer's where a material has its roughness, else Mitsuba's."""
+    """The requested model; else the viewer's where a material has its roughness, else Mitsuba's."""
     if asked is not None:
         return asked
     return "viewer" if any(getattr(material, "roughness", None) is not None for material in materials) else "mitsuba"
 
 
 def with_default_alpha(material: TrueMaterial, model: ShadingModel) -> TrueMaterial:
-    """The material, with a width where Mitsuba's needs one and none was said."""
+    """The material, with a width where Mitsuba's needs one and none was given."""
     if model != "mitsuba" or not material.mirrors or material.alpha is not None:
         return material
     return material.with_alpha(DEFAULT_ALPHA)

@@ -57,7 +57,7 @@ def read_materials(path: Path, asked: ShadingModel | None = None) -> tuple[dict[
     """The materials of a file by name, and the model that shows them.
 
     Args:
-        asked: the model that is asked for; where None, what the materials' alpha or roughness calls for.
+        asked: the requested model; where None, what the materials' alpha or roughness calls for.
 
     Raises:
         InputError: about the first thing that is wrong: file, field, value and what was expected.
@@ -78,7 +78,7 @@ def read_materials(path: Path, asked: ShadingModel | None = None) -> tuple[dict[
 
 @contextmanager
 def _told_of(path: Path, index: int) -> Iterator[None]:
-    """What is wrong with a command-line option, said of the key in the file."""
+    """An error about a command-line option, as one about the key in the file."""
     try:
         yield
     except InputError as error:

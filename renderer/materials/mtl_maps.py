@@ -31,7 +31,7 @@ class MapReader:
 
     Attributes:
         tree: the folder in or below which textures have to be; None for anywhere.
-        remarks: a sentence about everything that is not drawn as the file says.
+        remarks: a sentence about everything that is not drawn as in the file.
         files: what was read.
     """
 

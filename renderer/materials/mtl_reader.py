@@ -39,7 +39,7 @@ class Library:
 
     Attributes:
         appearances: by the material's name, in the file's order.
-        remarks: a sentence about everything that is not drawn as the file says.
+        remarks: a sentence about everything that is not drawn as in the file.
         files: all that were read, textures too.
     """
 
@@ -49,7 +49,7 @@ class Library:
 
 
 def default_appearance() -> Appearance:
-    """What a surface looks like of which no file says anything."""
+    """The default material of a surface."""
     return Appearance(Matte(torch.full((3,), DEFAULT_COLOR), torch.ones(3)))
 
 
@@ -68,7 +68,7 @@ def read_mtl(
         Kd   n of a metal, else color         Ka   k of a metal, else reflectance         Ks   ρ ρ ρ
         map_Kd color map, bump / map_bump / norm normal map, map_Ka ambient occlusion
 
-    A matte material may leave out Kd (0.6) and Ka (1), as Assimp lets it. All others must be told, within their range.
+    A matte material may leave out Kd (0.6) and Ka (1), as Assimp lets it. All others are required, within their range.
     The ordinary dialect becomes the nearest of our three; its numbers are clamped into their range:
 
         metal    Pm >= 0.5, F0 = Kd; without Pm: illum 3 with Kd <= 0.2 and a Ks >= 0.4, F0 = Ks
@@ -81,7 +81,7 @@ def read_mtl(
 
     Args:
         path: UTF-8, UTF-16 with byte-order mark, or Latin-1.
-        codes: what `Ns` says for each type of material; the thesis's numbers where left out.
+        codes: values of `Ns` for each type of material; the thesis's numbers where left out.
         dialect: "auto" takes for the thesis's dialect a file called `*.thesis.mtl`, and one that has no keys but
             those above, in which every material has a known code for Ns, Ka, Kd, and Ks of three equal numbers.
         tree: the folder in or below which textures are read; the file's own where it is left out.

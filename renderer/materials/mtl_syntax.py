@@ -94,7 +94,7 @@ def read_blocks(path: Path) -> list[Block]:
     except (OSError, ValueError) as error:
         raise InputError(path, expected="a readable MTL file") from error
     blocks: dict[str, Block] = {}
-    block = Block(path, "")  # keys before the first `newmtl` belong to nobody
+    block = Block(path, "")  # keys before the first `newmtl` belong to no material
     for line in re.split(r"\r\n?|\n", text):
         key, _, value = line.strip().replace("\t", " ").partition(" ")
         if key.lower() == "newmtl":

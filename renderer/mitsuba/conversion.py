@@ -52,7 +52,7 @@ def variant_here(variant: str = AUTO) -> str:
     """The variant's name; for "auto" that of the fast one where LLVM is found, else of the one that needs nothing.
 
     Raises:
-        InputError: as `mitsuba`, about a variant that was asked for by name.
+        InputError: as `mitsuba`, about a variant that was requested by name.
     """
     if variant != AUTO:
         return mitsuba(variant).variant()
@@ -119,7 +119,7 @@ def envmap(environment: Environment) -> dict[str, Any]:
 
 
 def directional(light: DirectionalLight) -> dict[str, Any]:
-    """A far-away light as an emitter; Mitsuba says where it shines to, and its irradiance."""
+    """A far-away light as an emitter; Mitsuba's direction is that of propagation, its number the irradiance."""
     return {
         "type": "directional",
         "direction": (-light.towards).tolist(),

@@ -41,7 +41,7 @@ class Captures:
         self._textures = {part: _empty_cubemap(context, size) for part in objects}
 
     def at(self, rotation: float) -> Mapping[int, moderngl.TextureCube]:
-        """The cubemaps by object, radiance and depth, under an environment turned by `rotation` degrees."""
+        """The cubemaps by object, radiance and depth, under an environment rotated by `rotation` degrees."""
         if self._objects and rotation != self._rotation:
             self._render(rotation)
             self._rotation = rotation

@@ -15,10 +15,10 @@ _TEXTURE_CUBE_MAP_SEAMLESS = 0x884F
 
 @functools.cache
 def offscreen_context() -> moderngl.Context:
-    """An OpenGL 4.3 context through EGL, which needs no display; the same one for everybody who asks.
+    """An OpenGL 4.3 context through EGL, which needs no display; the same one at every call.
 
     Raises:
-        InputError: a library is missing, or the driver is too old; says what to type.
+        InputError: a library is missing, or the driver is too old; names the remedy.
     """
     try:
         context = moderngl.create_context(VERSION, standalone=True, backend="egl")  # type: ignore[arg-type]

@@ -55,7 +55,7 @@ class Stage:
             framebuffer: float RGBA with depth, see `targets.linear_target`; filled as a whole, lowest row first.
             camera: whose film is spread over the framebuffer; their aspects should agree.
             sky: show the environment behind the objects; black where not.
-            rotation: degrees by which the environment is turned about +Y, beyond its own turn; lights stay.
+            rotation: degrees by which the environment is rotated about +Y, beyond its own turn; lights stay.
             offset: by which every pixel is sampled off its centre, rightwards and upwards, in pixels.
         """
         captured = self._captures.at(rotation)

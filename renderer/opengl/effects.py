@@ -19,7 +19,7 @@ def definitions(
         lights: number of directional lights.
         uv: the mesh has texture coordinates, without which there are no maps.
         tangents: it has tangents, without which there is no normal map.
-        neighbours: a cubemap of what is around the object was captured.
+        neighbours: a cubemap of the object's surroundings was captured.
         depth: the picture is such a capture, which holds depth in place of coverage.
         exact: rays meet triangles in double precision.
     """
@@ -35,5 +35,5 @@ def definitions(
         "DEPTH": int(depth),
         "EXACT": int(exact),
     }
-    # what is 0 stays undefined, but for the number of lights, which the shader compares
+    # zeros stay undefined, but for the number of lights, which the shader compares
     return frozenset((name, value) for name, value in wanted.items() if value or name == "LIGHTS")

@@ -42,7 +42,7 @@ class Geometry:
     """A mesh in the graphics memory.
 
     Attributes:
-        bounds: of the whole mesh. Vertices are told from its centre, which keeps float32's digits.
+        bounds: of the whole mesh. Vertices are relative to its centre, which keeps float32's digits.
         has_uv, has_tangents: whether the mesh has texture coordinates, and tangents besides.
         groups: its triangles.
     """

@@ -27,7 +27,7 @@ def render(
     """Draw one picture.
 
     Args:
-        model, camera, surroundings: what is seen, from where, in which light.
+        model, camera, surroundings: of the picture.
         sky: show the environment behind the objects; black where not.
         antialias: each pixel is the mean over this many times as many points, a regular grid; 1 is its centre.
         neighbours: let every reflective object of several mirror the others.

@@ -30,7 +30,7 @@ class Pass:
 
     Attributes:
         view: from where.
-        rotation: degrees by which the environment is turned about +Y.
+        rotation: degrees by which the environment is rotated about +Y.
         sky: show the environment behind the surfaces.
         without: an object that is left out; None for none.
         near: where alpha shall hold depth 1 - near/D, that radius [MODEL.md 3.3]; None for coverage.
@@ -94,7 +94,7 @@ class Painter:
         self._sky.render(vertices=3)
 
     def _paint_depth(self, framebuffer: moderngl.Framebuffer, groups: Sequence[Group], wanted: Pass) -> None:
-        """Depth alone, so that no light is computed for what is hidden."""
+        """Depth alone, so that no light is computed for hidden surfaces."""
         framebuffer.color_mask = False, False, False, False
         program = self._programs.get("surface.vert", "depth.frag")
         assign(program, self._uniforms(wanted))

@@ -51,7 +51,7 @@ class Programs:
 
 
 def programs(context: moderngl.Context) -> Programs:
-    """The programs of a context: the same ones for everybody who asks."""
+    """The programs of a context: the same ones at every call."""
     if not isinstance(context.extra, Programs):
         context.extra = Programs(context)
     return context.extra

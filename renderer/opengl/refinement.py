@@ -110,7 +110,7 @@ def sample_offsets(antialias: int) -> list[tuple[float, float]]:
 
 
 def camera_key(camera: Camera) -> tuple:
-    """What tells one camera's picture from another's."""
+    """The key of a camera's picture."""
     return (
         camera.camera_to_world.numpy().tobytes(),
         camera.width,

@@ -25,7 +25,7 @@ def require_fitting(context: moderngl.Context, what: str, size: tuple[int, int])
     """Whether the graphics card has room for a texture of that width and height.
 
     Raises:
-        InputError: it has not; `what` says whose size it is.
+        InputError: it has not; `what` names whose size it is.
     """
     width, height = size
     most = context.info["GL_MAX_TEXTURE_SIZE"]

@@ -80,7 +80,7 @@ def _drawable(light: Light) -> DirectionalLight:
 
 
 def turn_uniforms(rotation: float) -> Mapping[str, Any]:
-    """From world axes to those of an environment that is turned by `rotation` degrees about +Y."""
+    """From world axes to those of an environment that is rotated by `rotation` degrees about +Y."""
     sin, cos = math.sin(math.radians(rotation)), math.cos(math.radians(rotation))
     into_environment = np.array([[cos, 0, -sin], [0, 1, 0], [sin, 0, cos]])
     return {"into_environment": into_environment.T}

@@ -35,7 +35,7 @@ class View:
     film_origin: Float[np.ndarray, "3 3"]
 
     def told_from(self, centre: Vector) -> View:
-        """The same view of positions that are told from `centre`."""
+        """The same view of positions relative to `centre`."""
         placed = np.eye(4)
         placed[:3, 3] = centre
         origin = self.film_origin - np.outer(centre, [0, 0, 1])
@@ -61,7 +61,7 @@ def camera_view(
     Args:
         camera: whose film is spread over the whole framebuffer.
         size: width and height of the framebuffer in pixels.
-        bounds: of what is to be seen; depth is resolved within.
+        bounds: of the visible part; depth is resolved within.
         offset: by which each pixel is sampled off its centre, rightwards and upwards, in pixels.
     """
     right, up, backward, eye = camera.camera_to_world[:3].double().numpy().T

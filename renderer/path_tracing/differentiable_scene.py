@@ -32,7 +32,7 @@ OFF_SURFACE = 1e-4  # of the object's extent: where rays begin before the surfac
 
 
 def unheard(share: float) -> None:
-    """Progress that nobody wants to be told."""
+    """Progress that is not reported."""
 
 
 @dataclass(frozen=True)
@@ -109,7 +109,7 @@ class DifferentiableScene:
             drawn: the metal for which the paths are drawn, if not for this one. With the same seed and the same `drawn`
                 metals near it meet the same paths: the radiance is a smooth function of the metal, whose derivatives
                 are exact.
-            progress: told the share that is done, in (0, 1].
+            progress: called with the fraction done, in (0, 1].
         """
         import drjit
 

@@ -33,7 +33,7 @@ def render(
     """Path-trace one photograph.
 
     Args:
-        shape, camera, environment: what is seen, from where, in which light.
+        shape, camera, environment: of the picture.
         bsdf: the material, in Mitsuba's terms, see `renderer.mitsuba.conversion.bsdf_of`; or one for each of the
             mesh's `material_names`.
         lights: beside the environment; seen by nothing but what they light.

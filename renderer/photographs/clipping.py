@@ -8,7 +8,7 @@ from torch import Tensor
 
 from fit_material.renderer.images.image_file import Image
 
-BLOCK = 8  # pixels; JPEG spreads what is wrong with one over its block
+BLOCK = 8  # pixels; JPEG spreads the error of one over its block
 DEMOSAICED = 3  # pixels; so far colours are mixed where each photosite has seen one
 
 

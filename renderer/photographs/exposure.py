@@ -1,4 +1,4 @@
-"""What a photograph's files say of radiance: one exposure over its factor, or several merged into one."""
+"""Radiance of a photograph's files: one exposure over its factor, or several merged into one."""
 
 from __future__ import annotations
 
@@ -24,8 +24,10 @@ from fit_material.renderer.scene.scene_file import PhotographSpec
 
 NEUTRAL = (1.0, 1.0, 1.0)
 TRIED = 20000  # pixels of a view, of which the curve is fitted to some that differ
-CONTRADICTED = 1.5  # factor between exposures as said and as seen; shutters err by a tenth, lamps flicker by some more
-SEEN = 0.02  # of white, from which a pixel tells an exposure
+CONTRADICTED = (
+    1.5  # factor between exposures as declared and as seen; shutters err by a tenth, lamps flicker by some more
+)
+SEEN = 0.02  # of white, from which a pixel determines an exposure
 ENOUGH = 50  # pixels that two exposures have to share, to be compared
 
 
@@ -40,7 +42,7 @@ class Exposed:
         finite: pixels without NaN or infinity, [h, w].
         clipped: pixels that no exposure holds unclipped, or that have such neighbours, [h, w].
         white: the radiance, [3], from which on the shortest exposure's channels may be clipped; None for files of
-            floats, which do not clip, and for camera raw, whose channels are mixtures of what is full and what is not.
+            floats, which do not clip, and for camera raw, whose channels mix full and other photosites.
         exposure: what the pixels were divided by, 1 for a merged one; "fit" where it is unknown, and 1 was taken. A
             white balance that is known was divided by, too.
     """
@@ -57,7 +59,7 @@ def expose(spec: PhotographSpec) -> Exposed:
     """Read the image or images of a photograph, as radiance but for what of exposure and white balance is unknown.
 
     Raises:
-        InputError: a file cannot be read, has no EXIF where that is asked for, or another size than the first one.
+        InputError: a file cannot be read, has no EXIF where that is needed, or another size than the first one.
     """
     seen = _exposed(spec)
     if spec.white_balance in (FITTED, NEUTRAL):
@@ -122,7 +124,7 @@ def _merged(
     total = torch.zeros(first.radiance.shape)
     weight = torch.zeros(first.radiance.shape[:2])
     finite = torch.zeros(weight.shape, dtype=torch.bool)
-    least, white = total, None  # what the shortest exposure says, which is all that is known where each is clipped
+    least, white = total, None  # the shortest exposure's, which is all that is known where each is clipped
     compared: list[Tensor] = []
     for index, (file, exposure) in enumerate(zip(files, exposures, strict=True)):
         image = first if index == 0 else read_image(file, encoding)
@@ -152,7 +154,7 @@ def _white(image: Image, factor: float, curve: Curve | None = None) -> Float[Ten
 
 
 def _told(pixels: Float[Tensor, "h w 3"], usable: Bool[Tensor, "h w"], white: float | None) -> Float[Tensor, " t"]:
-    """Some pixels' means over their channels, NaN where they tell no exposure."""
+    """Some pixels' means over their channels, NaN where they determine no exposure."""
     step = max(1, round(math.sqrt(usable.numel() / TRIED)))
     mean = pixels[::step, ::step].mean(-1)
     darkest = 0.0 if white is None else SEEN * white
@@ -160,7 +162,7 @@ def _told(pixels: Float[Tensor, "h w 3"], usable: Bool[Tensor, "h w"], white: fl
 
 
 def _require_agreement(files: Sequence[Path], exposures: Sequence[float], told: Sequence[Float[Tensor, " t"]]) -> None:
-    """That the exposures are about as the pixels say, from each to the next longer one."""
+    """That the exposures are about as the pixels show, from each to the next longer one."""
     order = sorted(range(len(files)), key=lambda index: exposures[index])
     for shorter, longer in pairwise(order):
         ratio = told[longer] / told[shorter]

@@ -11,7 +11,7 @@ from jaxtyping import Float, Int
 from fit_material.renderer.errors.input_error import InputError
 
 CODES = 256  # of 16-bit samples the upper eight
-MIDDLE = 128  # code that the curve leaves where sRGB has it: exposures alone do not tell a factor
+MIDDLE = 128  # code that the curve leaves where sRGB has it: exposures alone do not determine a factor
 SAMPLES = 200  # pixels per channel; Debevec needs more than CODES over one less than the exposures
 SMOOTHNESS = 30.0  # λ, Debevec's lambda
 FLATTEST = 1e-3  # of the logarithm of exposures, below which they are the same

@@ -34,7 +34,7 @@ def frames(surface: Rays, ray: Int[Tensor, "*p s"], dtype: torch.dtype = torch.f
     pixel = torch.arange(len(surface.normal), device=ray.device)[:, None]
     normal, view, cos_v = surface.normal, surface.view, surface.n_dot_v
     tangent = view - cos_v[..., None] * normal
-    # From float64: a cosine in float32 does not tell the small angles that a narrow lobe resolves.
+    # From float64: a cosine in float32 does not resolve the small angles that a narrow lobe resolves.
     sin_v = tangent.norm(dim=-1)
     tangent = tangent / sin_v[..., None].clamp_min(_STRAIGHT)
     straight = sin_v <= _STRAIGHT

@@ -12,12 +12,12 @@ from torch import Tensor
 from fit_material.renderer.compute import chebyshev
 from fit_material.renderer.rays.gbuffer import GBuffer, equal_weight_nodes
 
-FEW = 9  # traced rays, from which no others can be told
+FEW = 9  # traced rays, from which no others can be interpolated
 STRATA = (6, 12, 20)  # along each side of a pixel, for each half of its rays: from flat pixels to bent ones
 ACROSS = 3.5  # of a pixel's normals from edge to edge, in root mean squares of their tilt: √12 where they turn evenly
-IN_LOBE = 2  # strata to the width of a lobe: what is mirrored by less of a pixel must not slip through between rays
+IN_LOBE = 2  # strata to the width of a lobe: a reflection in less of a pixel must not slip through between rays
 SMOOTH = 0.02  # share of the highest polynomial in what was traced, beyond which there is an edge between
-BENT = 0.2  # radian between two traced rays of a pixel, beyond which the same is said
+BENT = 0.2  # radian between two traced rays of a pixel, beyond which the same holds
 LEVEL = 1e-6  # radian by which normals differ that are parallel
 
 
@@ -61,7 +61,7 @@ def strata_of(surface: GBuffer, alpha: float, samples: int) -> Int[Tensor, " p"]
     """How many strata along its side each pixel needs, of `STRATA`.
 
     Near the silhouette the normals of one pixel turn by several widths of a narrow lobe. More rays than directions
-    would tell nothing; nor would more between traced rays that an edge divides.
+    would add nothing; nor would more between traced rays that an edge divides.
 
     Args:
         surface: [p, k] rays inside each pixel.

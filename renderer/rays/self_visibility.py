@@ -17,16 +17,16 @@ from fit_material.shaders.optics import microfacets
 # Alpha of the lobe that is looked through. The tails of a narrow one are wide, too: of Mitsuba's Spot in gold of alpha
 # 0.05, n and k come out tens of standard errors off if only what a lobe of 0.1 shows of the object is left out.
 WIDE = 0.4
-ROUNDS = (4, 12, 48)  # directions asked in turn, of those whose earlier ones are all free
+ROUNDS = (4, 12, 48)  # directions tested in turn, of those whose earlier ones are all free
 BLOCK = 1 << 14  # points at a time, which bounds the memory for their directions
-OFF = 1e-4  # of the size of what is seen, by which rays start off their own facet
+OFF = 1e-4  # of the object's size, by which rays start off their own facet
 
 
 def sees_itself(trace: Tracer, surface: GBuffer) -> Bool[Tensor, " p"]:
     """Whether the object meets any of 64 directions into which a rough lobe mirrors the view, from each point.
 
     Where one direction in a hundred is hidden, about every second point still passes, where one in twenty is, one point
-    in thirty. Points of which the first directions are met are asked no further; and
+    in thirty. Points of which the first directions are met are tested no further; and
     nobody is where none of these meets anything, as of all that is convex.
 
     Args:
@@ -44,7 +44,7 @@ def sees_itself(trace: Tracer, surface: GBuffer) -> Bool[Tensor, " p"]:
 
 
 def hidden_share(trace: Tracer, surface: GBuffer) -> Float[Tensor, " p"]:
-    """The share of the 64 directions of `sees_itself` that meet the object, in [0, 1]; all are asked."""
+    """The share of the 64 directions of `sees_itself` that meet the object, in [0, 1]; all are tested."""
     surface, (shift, rounds) = lifted(surface), _points(len(surface.hit))
     return torch.cat([_met(trace, surface, shift, points) for points in rounds], 1).double().mean(-1)
 
@@ -77,7 +77,7 @@ def _met_at_once(
 ) -> Bool[Tensor, "p s"]:
     """The same of all points.
 
-    Those below the geometric horizon are not asked: the surface at the point itself would hide them.
+    Those below the geometric horizon are not tested: the surface at the point itself would hide them.
     """
     directions = rough_reflections(surface, u1, u2)
     above = (directions * surface.geometric_normal[:, None]).sum(-1) > 1e-3

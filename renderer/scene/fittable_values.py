@@ -1,4 +1,4 @@
-"""Numbers of a scene file that may be words: what is unknown, and fitted beside the material, or told by EXIF."""
+"""Numbers of a scene file that may be words: unknown ones, fitted beside the material, or those that EXIF gives."""
 
 from __future__ import annotations
 

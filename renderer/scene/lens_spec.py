@@ -47,7 +47,7 @@ class LensSpec(Checked):
 
     @property
     def is_pinhole(self) -> bool:
-        """Whether it is a centred pinhole with square pixels, as `fov` says it all."""
+        """Whether it is a centred pinhole with square pixels, which `fov` describes wholly."""
         lens = self.lens(self.width, self.height)
         centred = max(abs(lens.cx - self.width / 2), abs(lens.cy - self.height / 2)) == 0
         return centred and lens.fx == lens.fy and not any((lens.k1, lens.k2, lens.p1, lens.p2, lens.k3))

@@ -91,7 +91,7 @@ def _by_type(data: Any, info: ValidationInfo) -> LightSpec:
     if isinstance(data, LightSpec):
         return data
     if not isinstance(data, dict):
-        return check_within(LightSpec, data, info)  # which says that it should be a table
+        return check_within(LightSpec, data, info)  # which reports that it should be a table
     if "type" not in data:
         raise unexpected(MISSING, key="type", value=UNSHOWN)
     kind = data["type"]

@@ -16,7 +16,7 @@ from fit_material.renderer.geometry.mesh import Shape
 
 @dataclass(frozen=True)
 class View:
-    """A camera as scene.toml tells it: positions in world units, `fov` the horizontal angle in degrees."""
+    """A camera as in scene.toml: positions in world units, `fov` the horizontal angle in degrees."""
 
     origin: Vector
     target: Vector

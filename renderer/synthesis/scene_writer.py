@@ -73,7 +73,7 @@ def _written_here(folder: Path, names: Iterable[str]) -> dict[str, str | None]:
 
 
 def outputs_of(folder: Path, target: Path) -> dict[str, list[dict[str, str]]]:
-    """What truth.json says of files: `outputs`, and `earlier_outputs` where earlier calls left some.
+    """The files of truth.json: `outputs`, and `earlier_outputs` where earlier calls left some.
 
     Args:
         folder: what has just been filled, but for truth.json, which cannot list itself.

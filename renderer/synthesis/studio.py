@@ -21,7 +21,7 @@ class SoftBox:
     Attributes:
         towards: direction of its centre, any length.
         extent: half width and half height, as fractions of the distance.
-        roll: degrees by which it is turned in that plane.
+        roll: degrees by which it is rotated in that plane.
         radiance: at its centre, linear Rec. 709.
         edge: width of the soft rim, in the units of `extent`.
     """
@@ -48,7 +48,7 @@ class Lamp:
     radiance: Vector
 
 
-# Placed all round, at many heights, and with no symmetry: a map that is mirrored, turned or upside down by
+# Placed all round, at many heights, and with no symmetry: a map that is mirrored, rotated or upside down by
 # mistake shows in the picture, and every view has light behind the object for its grazing reflections.
 SOFT_BOXES = (
     SoftBox((-0.75, 0.75, 0.65), (0.55, 0.40), 14, (9.0, 8.0, 6.8)),
@@ -160,7 +160,7 @@ def _glow(
 
 
 def _sunsky(sun: Float[np.ndarray, " 3"], turbidity: float, **parts: float):
-    """Mitsuba's emitter, turned from its own +Z to our +Y, as a function of the direction looked along."""
+    """Mitsuba's emitter, rotated from its own +Z to our +Y, as a function of the direction looked along."""
     mi = mitsuba("scalar_rgb")
     turn = mi.ScalarTransform4f().rotate([1, 0, 0], -90)
     settings = {"sun_direction": list(sun), "turbidity": turbidity, "to_world": turn}

@@ -43,7 +43,7 @@ MADE_HERE = {"studio": studio, "sunsky": sun_and_sky}
 
 Progress = Callable[[float], None]
 Photographer = Callable[[Camera, int, Progress], Float[np.ndarray, "h w 4"]]
-"""Takes a photograph: camera, seed of what is random, whom to tell the share that is done."""
+"""Takes a photograph: camera, seed, and a function called with the fraction done."""
 
 
 @dataclass(frozen=True)
@@ -63,7 +63,7 @@ class SynthOptions:
         seed: of paths and noise; the same seed writes the same bytes, by the same variant.
         fov: full horizontal angle of view in degrees, 1 to 120.
         max_depth: length of the longest path; 2 is light → object → camera; more: it mirrors itself.
-        variant: Mitsuba's; "auto" is llvm_ad_rgb where LLVM is found, else scalar_rgb, and truth.json says which.
+        variant: Mitsuba's; "auto" is llvm_ad_rgb where LLVM is found, else scalar_rgb, and truth.json records which.
 
     Raises:
         InputError: a value is out of its range; names the command-line option.
@@ -110,7 +110,7 @@ def synthesise(
     Args:
         options: what to photograph, and how.
         out_dir: where to; made if need be.
-        progress: called with what is being done and the share of all photographs that is done, in [0, 1].
+        progress: called with the current step and the fraction of all photographs done, in [0, 1].
 
     Returns:
         The path of scene.toml.
@@ -230,7 +230,7 @@ def _photograph(
 
 
 def noisy(pixels: Float[np.ndarray, "h w 4"], options: SynthOptions, index: int) -> Float[np.ndarray, "h w 4"]:
-    """A photograph that has none yet with the noise that the options ask for; `index` is its place among all."""
+    """A photograph that has none yet with the noise of the options; `index` is its place among all."""
     random = np.random.default_rng(_seeds(options.seed, index)[1])
     factor = 1 + options.noise * random.normal(size=(*pixels.shape[:2], 3))
     return np.concatenate([pixels[..., :3] * factor, pixels[..., 3:]], -1).astype(np.float32)

@@ -29,7 +29,7 @@ def viewer_photographer(
     """Who takes photographs as the viewer draws them, one sample in the middle of each pixel; nothing is random.
 
     Args:
-        shape, environment, lights: what is seen, in which light.
+        shape, environment, lights: of the pictures.
         materials: one for each of the shape's names; all but matte ones have a roughness.
     """
     appearances = [Appearance(thesis_material(material)) for material in materials]

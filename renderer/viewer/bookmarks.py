@@ -98,7 +98,7 @@ def _eye(spec: CameraSpec) -> Eye:
 
 
 def _one_ahead(pose: torch.Tensor) -> Vector:
-    """A point to turn round, for a pose that was given as a matrix."""
+    """A centre of rotation, for a pose that was given as a matrix."""
     x, y, z = (pose[:3, 3] - pose[:3, 2]).tolist()
     return x, y, z
 

@@ -1,6 +1,6 @@
 """What keys and mouse do: a state machine that knows neither window nor GL.
 
-The window tells it what happened (`press`, `drag`, `scroll`, `pass_time`), draws its `look`, shows its `message`, and
+The window passes events on (`press`, `drag`, `scroll`, `pass_time`), draws its `look`, shows its `message`, and
 does what it cannot do itself: the `Command` that `press` returns.
 """
 
@@ -51,11 +51,11 @@ class Controls:
         look: to begin with.
         bounds: of the model.
         bookmarks: kept eyes by "f1" … "f4"; storing one may write a file.
-        photographs: their cameras; without any, the keys of the comparison say so.
+        photographs: their cameras; without any, the keys of the comparison report it.
 
     Attributes:
         look: as it is now.
-        message: about the last key, one line; empty where there is nothing to tell.
+        message: about the last key, one line; empty where there is none.
     """
 
     def __init__(
@@ -199,7 +199,7 @@ class Controls:
         self.message = f"photograph {photograph + 1} of {len(self.photographs)}: {comparison}"
 
     def _angle_seen(self, aspect: float) -> float:
-        """Radians per height of the window, so that what is looked at keeps up with the mouse."""
+        """Radians per height of the window, so that the scene keeps up with the mouse."""
         return math.radians(self.look.eye.fov) / aspect
 
 

@@ -1,6 +1,6 @@
 """Where the viewer looks from, and how it moves: pure functions from one `Eye` to the next.
 
-Angles instead of a matrix that is turned again and again: nothing drifts, the horizon stays level, and straight up
+Angles instead of a matrix that is rotated again and again: nothing drifts, the horizon stays level, and straight up
 and straight down are directions like any other.
 """
 

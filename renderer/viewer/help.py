@@ -1,4 +1,4 @@
-"""The keys, as the window tells them."""
+"""The keys, as the window lists them."""
 
 from __future__ import annotations
 

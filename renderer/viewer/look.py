@@ -21,7 +21,7 @@ class Look:
         exposure: in stops.
         curve: one of `shaders.tone_mapping.CURVES`.
         sky: whether the surroundings are drawn behind the model.
-        rotation: degrees by which the surroundings are turned about +Y, beyond the turn that they came with.
+        rotation: degrees by which the surroundings are rotated about +Y, beyond the turn that they came with.
         comparison: how the photograph is laid beside or over the picture.
         photograph: which one.
         edge: where the photograph ends and the render begins under "swipe", a share of the width.

@@ -104,7 +104,7 @@ class ViewOptions:
 
 
 def show(options: ViewOptions) -> Iterator[Path]:
-    """Open the window; or write what is asked for, and tell where.
+    """Open the window; or write the files of the options, and print where.
 
     Raises:
         InputError: a file cannot be read or written, or there is no OpenGL.
@@ -112,7 +112,7 @@ def show(options: ViewOptions) -> Iterator[Path]:
     light = _surroundings(options)
     photographs = None if options.photograph is None else Photographs(options.photograph)
     if photographs is not None:
-        photographs[options.view - 1]  # one that is not there is told before anything is drawn
+        photographs[options.view - 1]  # a missing one is refused before anything is drawn
     if options.screenshot is None and options.turntable is None:
         _open_window(options, light, photographs)
         return
@@ -140,7 +140,7 @@ def codes_of(text: str) -> Mapping[str, int]:
 
 
 def first_look(options: ViewOptions, model: Model, comparison: bool) -> Look:
-    """The look that the options ask for.
+    """The look of the options.
 
     Raises:
         InputError: origin, target and up do not make a camera.
@@ -191,7 +191,7 @@ def _open_window(options: ViewOptions, light: Surroundings, photographs: Photogr
 def _written(
     options: ViewOptions, model: Model, light: Surroundings, photographs: Photographs | None
 ) -> Iterator[Path]:
-    """The files that the options ask for, one after another."""
+    """The files of the options, one after another."""
     from fit_material.renderer.opengl.context import offscreen_context
 
     look = first_look(options, model, comparison=photographs is not None)
@@ -250,7 +250,7 @@ def _read(options: ViewOptions) -> Model:
 
 
 def _surroundings(options: ViewOptions) -> Surroundings:
-    """The light that the options name; beside photographs and unless told otherwise, that of their scene."""
+    """The light that the options name; beside photographs that of their scene by default."""
     lights: Sequence[LightSpec] = () if options.light is None else (light_option(options.light),)
     if options.env is not None or options.photograph is None:
         return surroundings(named_environment(options.env or "studio", options.rotation), lights, options.ambient)
@@ -262,7 +262,7 @@ def _surroundings(options: ViewOptions) -> Surroundings:
 
 
 def _replaceable(options: ViewOptions, model: Model) -> Replaceable:
-    """All but what is read."""
+    """All but the files that are read."""
     light = [] if options.env is None or options.env in MADE_HERE else [Path(options.env)]
     faces = [face for path in light if path.is_dir() for face in path.iterdir()]
     scene = [] if options.photograph is None else input_paths(read_scene(options.photograph), options.photograph)

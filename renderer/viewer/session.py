@@ -1,4 +1,4 @@
-"""What a window does, without the window: it is told what happened, draws, reads anew, and saves pictures."""
+"""What a window does, without the window: it takes events, draws, reads anew, and saves pictures."""
 
 from __future__ import annotations
 
@@ -58,12 +58,12 @@ class Session:
 
     Args:
         context: OpenGL 4.3 or newer, through `context.prepared`.
-        subject: what is shown.
+        subject: of the pictures.
         model: as `subject.read` has read it.
 
     Attributes:
         controls: what keys and mouse change.
-        title: what is to be told, one line.
+        title: one line.
         size: of the framebuffer in pixels; whoever has a window keeps it up to date.
         wants_to_quit: the user has had enough.
     """
@@ -148,7 +148,7 @@ class Session:
         """Draw one more sample of the picture, and show it."""
         begun = time.perf_counter()
         coarseness = self._pace.coarseness(begun)
-        self._changed = coarseness > 1  # not what is to stay
+        self._changed = coarseness > 1  # not the final picture
         with self._told():
             photograph = self._photograph()
             self._display.draw(framebuffer, self.size, self._stage, self.controls.look, photograph, coarseness)
@@ -187,7 +187,7 @@ class Session:
             raise
 
     def _reload(self) -> None:
-        """The model as it is on disk now; what is shown stays where that cannot be read."""
+        """The model as it is on disk now; the shown one stays where that cannot be read."""
         with self._told():
             model = self._subject.read()
             stage = self._staged(model)

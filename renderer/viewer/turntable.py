@@ -1,4 +1,4 @@
-"""A turn round the model as a sequence of PNG files, and numbered names for pictures."""
+"""Pictures around the model as a sequence of PNG files, and numbered names for pictures."""
 
 from __future__ import annotations
 

@@ -27,9 +27,9 @@ class Watch:
         self._known = self._seen = self._stamps()
 
     def changed(self) -> bool:
-        """Whether something changed since `follow` or the last time that this said so.
+        """Whether something changed since `follow` or the last time that this was true.
 
-        A change is told once it has stayed the same for two looks, so that a file is not read while another program
+        A change is reported once it has stayed the same for two looks, so that a file is not read while another program
         still writes it.
         """
         now = self._stamps()

@@ -47,7 +47,7 @@ def run(subject: Subject, size: tuple[int, int] = SIZE) -> None:
     """Show a model until the user closes the window.
 
     Args:
-        subject: what is shown.
+        subject: of the pictures.
         size: of the window, in the units of the desktop.
 
     Raises:
@@ -149,7 +149,7 @@ class _Events:
 @contextmanager
 def _window(size: tuple[int, int], title: str) -> Iterator[Any]:
     """A window whose OpenGL context is current."""
-    glfw.ERROR_REPORTING = "ignore"  # its errors are asked for, and told in one sentence
+    glfw.ERROR_REPORTING = "ignore"  # its errors are fetched, and reported in one sentence
     if not glfw.init():
         raise InputError("view", expected=f"a display ({_reason()}); {_REMEDY}")
     try:

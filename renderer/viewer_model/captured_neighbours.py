@@ -41,7 +41,7 @@ def capture(
     Rays go from the object's viewpoint through the centres of texels; a texel of the sky holds the environment's
     cubemap as it is looked up there. The fourth channel is d = 1 - near/D in [0, 1), D the distance from the centre
     to the surface; 1 for the sky. Surfaces seen from inside are looked through: the centre of a shell's bounding box
-    often lies within the thing that it holds, whose inner side nobody would see.
+    often lies within the thing that it holds, whose inner side no picture shows.
 
     Args:
         mesh: of several objects; of one, there is nothing to see.

@@ -24,7 +24,7 @@ class Model:
     Attributes:
         mesh: with one or several objects, `mesh.part`.
         appearances: one for each of `mesh.material_names`, in their order.
-        remarks: a sentence about everything that is not drawn as the files say.
+        remarks: a sentence about everything that is not drawn as in the files.
         files: every file that was read, the mesh's first.
     """
 

@@ -1,4 +1,4 @@
-"""Pictures in the viewer's own model, by torch: the twin of what the GL viewer draws, differentiable."""
+"""Pictures in the viewer's own model, by torch: the differentiable twin of the GL viewer."""
 
 from __future__ import annotations
 
@@ -143,7 +143,7 @@ def shade_surface(
 
 
 def points(surface: GBuffer, appearance: Appearance) -> Points:
-    """What the shading model asks of a surface with maps over it, in the material's dtype."""
+    """Inputs of the shading model of a surface with maps over it, in the material's dtype."""
     dtype, maps, uv = appearance.material.dtype, appearance.maps, surface.uv
     normal, view = surface.normal, surface.view
     if maps.normal is not None:

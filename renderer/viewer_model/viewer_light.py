@@ -80,7 +80,7 @@ def harmonic_moments(environment: Environment) -> Float[Tensor, "9 3"]:
 
 
 def _band_limited(environment: Environment, azimuths: Float[Tensor, " a"]) -> Float[Tensor, "h a 3"]:
-    """The map's rows, linear between texels, without what is above degree 2 in the azimuth; in world axes.
+    """The map's rows, linear between texels, without degrees above 2 in the azimuth; in world axes.
 
     The tent over a texel has the Fourier coefficients sinc²(m/w).
     """

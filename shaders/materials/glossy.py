@@ -72,7 +72,7 @@ class Glossy(AbstractMaterial):
     def thesis_lobes(
         self, reflectance: MaterialReflectance, tint: Float[Tensor, "*p 3"] | None = None
     ) -> tuple[ThesisLobe, ...]:
-        """The surface, and below it the colour that `energy_guard` leaves beside what is mirrored."""
+        """The surface, and below it the colour that `energy_guard` leaves beside the mirrored light."""
         color = self.color if tint is None else self.color * tint
 
         def guarded(n_dot_v: Tensor) -> Tensor:

@@ -1,4 +1,4 @@
-"""Lobes: what a material scatters light by. Whoever shades asks a material for these, and never for its type."""
+"""Lobes: the parts of a material's BRDF. Shading uses these, and never the type of the material."""
 
 from __future__ import annotations
 

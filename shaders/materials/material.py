@@ -1,4 +1,4 @@
-"""What every type of material answers, so that nobody need ask for the type."""
+"""The interface of all types of material, so that no code need branch on the type."""
 
 from __future__ import annotations
 
@@ -56,14 +56,14 @@ class AbstractMaterial(ABC):
 
     @property
     def numbers(self) -> dict[str, Tensor]:
-        """All that makes it up, by the quantities' names: what is stored, and the width of its lobe."""
+        """All that makes it up, by the quantities' names: those stored, and the width of its lobe."""
         found = {each.name: getattr(self, each.name) for each in self.kind.stored}
         return found if self.width is None else {**found, self.width.quantity.name: self.width.value}
 
     @staticmethod
     @abstractmethod
     def reflectance_formula(asked: str, microfacets: bool) -> str:
-        """Name of the formula of its reflectance, where that one was asked for.
+        """Name of the formula of its reflectance, where that one was requested.
 
         Args:
             asked: one of `fresnel_models.REFLECTANCES`.
@@ -73,7 +73,7 @@ class AbstractMaterial(ABC):
     @property
     @abstractmethod
     def f0(self) -> Float[Tensor, "3"] | None:
-        """Reflectance at normal incidence, per channel; None of what mirrors nothing."""
+        """Reflectance at normal incidence, per channel; None of a material that mirrors nothing."""
 
     @property
     @abstractmethod
@@ -98,7 +98,7 @@ class AbstractMaterial(ABC):
         """Lobes as the thesis has them, whose light in and out both go by n·v [thesis 3.2; MODEL.md 4].
 
         Args:
-            reflectance: of metals; the others have Schlick's, whichever is asked for.
+            reflectance: of metals; the others have Schlick's, whichever is requested.
             tint: multiplies the body's colour.
         """
 

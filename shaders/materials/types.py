@@ -31,7 +31,7 @@ def made_of(name: str, quantity: Callable[[Quantity], Tensor], width: Callable[[
 
     Args:
         quantity: computes one of `Kind.stored`.
-        width: computes the width of its specular lobe; not called of what has none.
+        width: computes the width of its specular lobe; not called of a type that has none.
     """
     made = TYPES[name]
     parts: dict[str, Any] = {each.name: quantity(each) for each in made.kind.stored}

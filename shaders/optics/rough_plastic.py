@@ -1,7 +1,7 @@
 """A rough dielectric over a diffuse body: what the interface lets in, keeps inside, and lets out again.
 
-Light reaches the body through the interface, is scattered there evenly, and leaves it through the interface; what is
-thrown back from below is scattered again. The radiance towards v for light from l is
+Light reaches the body through the interface, is scattered there evenly, and leaves it through the interface; light
+that is thrown back from below is scattered again. The radiance towards v for light from l is
 
     color · outcoupling · T(n·v) T(n·l) / π,     outcoupling = 1 / (η² (1 - R))
 
@@ -82,7 +82,7 @@ def reflectance(
 
         R(µ) = ∫ D_v(h) F(v·h; η) G1(l) dω_h,    l = v mirrored at h        [Heitz 2018, eq. 18, integrated]
 
-    F(µ) in the limit α → 0. With T(µ) it is less than 1: what is shadowed is lost.
+    F(µ) in the limit α → 0. With T(µ) it is less than 1: shadowed light is lost.
 
     Args:
         mu, eta, alpha: as of `transmittance`.
@@ -215,7 +215,7 @@ def _visible_beckmann(
     """Slopes αx, αy have the density exp(-x²-y²) max(0, cos_v - α sin_v x), up to a factor [Heitz 2014]."""
     along, across, weight = (value.to(cos_v) for value in _SLOPES())
     tilt = alpha * root((1 - cos_v) * (1 + cos_v))
-    steepest = cos_v / torch.maximum(tilt, cos_v / _STEEPEST)  # facets beyond are turned away
+    steepest = cos_v / torch.maximum(tilt, cos_v / _STEEPEST)  # facets beyond face away
     x = along * (steepest + _STEEPEST) - _STEEPEST
     seen = weight * torch.exp(-(x**2)) * (cos_v - tilt * x)
     h_z = torch.rsqrt(1 + alpha**2 * (x**2 + across**2))

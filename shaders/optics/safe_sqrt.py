@@ -10,7 +10,7 @@ from torch import Tensor
 def root(x: Float[Tensor, "*p"]) -> Float[Tensor, "*p"]:
     """√x for x > 0; else 0, and so is the derivative.
 
-    An infinite derivative becomes NaN as soon as what is behind it is 0, which is where roots of sines and of k² end.
+    An infinite derivative becomes NaN as soon as the factor behind it is 0, which is where roots of sines and k² end.
     The value is the root's own everywhere: nothing is added to x.
     """
     positive = x > 0

@@ -37,7 +37,7 @@ def serve(descriptor: int) -> NoReturn:
 
 
 def _receive(connection: Connection, tasks: queue.SimpleQueue[bytes]) -> NoReturn:
-    """End the process, in the middle of a fit too, when nobody is at the other end: its results would be lost."""
+    """End the process, in the middle of a fit too, when the other end has closed: its results would be lost."""
     try:
         while True:
             tasks.put(connection.recv_bytes())

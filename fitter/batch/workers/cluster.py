@@ -68,7 +68,7 @@ def _security(files: Certificates | None) -> dict[str, Any]:
 
 
 def _reason(error: BaseException) -> str:
-    """What an error came from: Dask wraps what OpenSSL or the system have to say."""
+    """What an error came from: Dask wraps the errors of OpenSSL and of the system."""
     while error.__cause__ is not None:
         error = error.__cause__
     return " ".join(str(error).split()) or type(error).__name__

@@ -18,7 +18,7 @@ MEMORY = 2 * 2**30  # bytes for each process of this machine: a fit of the stand
 
 
 class Lost(Exception):
-    """Nobody is there to fit what is left; a sentence."""
+    """No worker is left to fit the remaining scenes; a sentence."""
 
 
 def usual_workers(scenes: int, each: int) -> int:

@@ -1,6 +1,6 @@
 """A process of this machine's batch, from outside.
 
-It is reached through a pair of connected sockets that it inherits, so nobody else can reach it. The pools of
+It is reached through a pair of connected sockets that it inherits, so no other program can reach it. The pools of
 concurrent.futures and of loky end altogether where one process dies, and processes of `multiprocessing` import modules
 of the folder that is worked in before their own; hence `subprocess`, with the connections of `multiprocessing`.
 """
@@ -62,7 +62,7 @@ class Process:
         """
         try:
             ended = self.connection.recv()
-        except OSError as error:  # in the middle of what it sent
+        except OSError as error:  # in the middle of a message
             raise EOFError from error
         self.ready = True
         if ended is not None:
@@ -84,7 +84,7 @@ class Process:
 
     def kill(self) -> None:
         """Whatever it does; returns at once."""
-        self._process.kill()  # first: it would say that its connection is gone
+        self._process.kill()  # first: it would report a lost connection
         self.connection.close()
 
     def wait(self) -> list[str]:

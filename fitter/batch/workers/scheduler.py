@@ -113,5 +113,5 @@ class _Encrypted(Exception):
 
 
 def _refuse_passphrase() -> str:
-    """In place of OpenSSL's question on the terminal, which Dask would ask anew for every connection."""
+    """In place of OpenSSL's prompt on the terminal, which Dask would repeat for every connection."""
     raise _Encrypted

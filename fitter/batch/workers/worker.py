@@ -27,8 +27,8 @@ class Task:
         name: of its result.
         scene: file, absolute.
         options: how to fit.
-        key: of the options by the code of who asks.
-        folder: that every fit of this batch has a place in; when it goes, nobody waits for them any more.
+        key: of the options by the code of the process that sent the task.
+        folder: that every fit of this batch has a place in; when it goes, no process waits for them any more.
         command: the command line, for the report.
         cores: to compute on; None for as many as Dask's worker has threads.
     """
@@ -66,7 +66,7 @@ class _Abandoned(Exception):
 
 
 def fit_one(task: Task, worker: str) -> Ended:
-    """Fit a scene into a new folder inside the task's; whatever goes wrong is in what is returned, nothing is raised.
+    """Fit a scene into a new folder inside the task's; an error is returned, nothing is raised.
 
     Args:
         worker: what this process is called.
@@ -120,5 +120,5 @@ def _sentence(error: Exception) -> str:
 
 
 def is_about_memory(text: str) -> bool:
-    """Whether a library says there that it got none."""
+    """Whether a library reports there that it got none."""
     return any(words in text for words in NO_MEMORY)

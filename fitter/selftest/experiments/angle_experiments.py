@@ -64,7 +64,7 @@ def seam(numbers: Numbers) -> float:
 
 
 def rotated(numbers: Numbers) -> float:
-    """A map turned by 37° against directions turned back by as much."""
+    """A map rotated by 37° against directions rotated back by as much."""
     texels = random(numbers, 8, 16, 3)
     towards = directions(9, 11)[1:-1].reshape(-1, 3).to(numbers.device, numbers.dtype)  # the pole has no azimuth
     x, y, z = towards.unbind(-1)
@@ -92,7 +92,7 @@ def cube_edges(numbers: Numbers) -> float:
 
 
 def cube_slopes(numbers: Numbers) -> float:
-    """How much the slope of smooth light changes across an edge, over its size, less what OpenGL's filter says.
+    """How much the slope of smooth light changes across an edge, over its size, less that of OpenGL's filter.
 
     OpenGL's seamless filter takes the texel of the same index across an edge, which lies nearer to the edge's middle:
     at t along the edge the slope breaks by √2 t ∂L/∂t, however small texels are.

@@ -132,7 +132,7 @@ def survives(residual: Callable[[Tensor], Tensor], stopped: bool) -> Callable[[N
 
 
 def few_steps(numbers: Numbers) -> str | None:
-    """One step is too few for all of them, and all say so."""
+    """One step is too few for all of them, and all report it."""
     residuals = residuals_in(numbers)
     for name, solver in SOLVERS.items():
         found = solver(residuals, small_scene.start(), steps=1)

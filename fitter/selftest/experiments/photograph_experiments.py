@@ -97,7 +97,7 @@ def black_channel(photograph: Tensor) -> Tensor:
 
 
 def undetermined(*keys: str, words: str) -> Any:
-    """The claim that these numbers are not determined, the status does not hide it, and the message says why."""
+    """The claim that these numbers are not determined, that status and message show it."""
 
     def sentence(found: Told, numbers: Numbers) -> str | None:
         known = [key for key in keys if np.any(getattr(found.material.determined, key))]

@@ -104,7 +104,7 @@ class Row:
 
     Attributes:
         name: short, unique, for tests and `selftest`.
-        hard: what is hard about it.
+        hard: the difficulty.
         given: the input, in words.
         subject: the input itself.
         holds: what must hold.
