@@ -156,7 +156,7 @@ EFFECTS = Registry(
     ),
     Effect(
         "exact-fresnel",
-        "reflectance by Fresnel's own equations, which alone tell n from k",
+        "reflectance by Fresnel's own equations, which alone separate n from k",
         "it differs from its approximation by the angles that are seen",
         0.0,
         "fit_material.shaders.optics.fresnel.conductor",

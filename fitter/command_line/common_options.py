@@ -30,9 +30,11 @@ Seed = Annotated[
 Device = Annotated[str, typer.Option(help="Where light is integrated: cpu, cuda, cuda:1 …")]
 With = Annotated[
     list[str] | None,
-    typer.Option("--with", metavar="EFFECT", help="Simulate this effect, whatever `plan` says of it; may be repeated."),
+    typer.Option("--with", metavar="EFFECT", help="Simulate this effect, whatever `plan` decides; may be repeated."),
 ]
 Without = Annotated[
     list[str] | None,
-    typer.Option("--without", metavar="EFFECT", help="Leave this effect out, whatever `plan` says; may be repeated."),
+    typer.Option(
+        "--without", metavar="EFFECT", help="Leave this effect out, whatever `plan` decides; may be repeated."
+    ),
 ]

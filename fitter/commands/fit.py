@@ -41,7 +41,7 @@ def chosen(
         FidelityName, typer.Option(help="How accurately, for how much time; the options below change one choice each.")
     ] = FidelityName.standard,
     reflectance: Annotated[
-        ReflectanceName | None, typer.Option(help="Of metals; only conductor, the exact one, tells n from k.")
+        ReflectanceName | None, typer.Option(help="Of metals; only conductor, the exact one, separates n from k.")
     ] = None,
     lobe: Annotated[
         FittedLobeName | None, typer.Option(help="Microfacets, or the viewer's blur: its 49 taps, or converged.")
@@ -73,9 +73,7 @@ def chosen(
     ] = None,
     with_: With = None,
     without: Without = None,
-    no_check: Annotated[
-        bool, typer.Option("--no-check", help="Do not look for what is wrong with the input, as `check` does.")
-    ] = False,
+    no_check: Annotated[bool, typer.Option("--no-check", help="Do not check the input, as `check` does.")] = False,
     solver: Annotated[SolverName, typer.Option(help="Least squares by which method.")] = SolverName.lm,
     seed: Seed = 0,
     device: Device = "cpu",

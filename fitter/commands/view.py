@@ -73,7 +73,7 @@ def view(
         typer.Option(metavar="X Y Z R G B", help="A directional light: towards it, and its irradiance."),
     ] = None,
     codes: Annotated[
-        str, typer.Option(help="What Ns says for each type in the thesis's MTL files.")
+        str, typer.Option(help="Values of Ns for each type in the thesis's MTL files.")
     ] = "matte=0,glossy=1,metal=2",
     dialect: Annotated[DialectName, typer.Option(help="Of the MTL file.")] = DialectName.auto,
     outside: Annotated[

@@ -123,11 +123,11 @@ def _unlit(facts: Facts) -> str | None:
 
 
 def _not_exact(facts: Facts) -> str | None:
-    return None if facts.reflectance == "conductor" else f"{facts.reflectance}'s reflectance was asked for"
+    return None if facts.reflectance == "conductor" else f"{facts.reflectance}'s reflectance was requested"
 
 
 def _one_ray(facts: Facts) -> str | None:
-    return None if facts.footprint > 1 else "one ray per pixel was asked for"
+    return None if facts.footprint > 1 else "one ray per pixel was requested"
 
 
 def _without_map(name: str, why: str = "none is given") -> Rule:

@@ -39,7 +39,7 @@ def _on_pixels(loaded: Loaded, parts: Sequence[FittedPart]) -> Iterator[str]:
     if nonfinite:
         yield f"{nonfinite} pixels of the photographs were not finite and were left out."
     if any(part.observed.lossy for part in parts):
-        yield "JPEG darkens what is dark and noisy, by up to some per cent, which the errors do not count."
+        yield "JPEG darkens dark, noisy pixels, by up to some per cent, which the errors do not count."
 
 
 def _on_what_is_left_out(loaded: Loaded, parts: Sequence[FittedPart]) -> Iterator[str]:

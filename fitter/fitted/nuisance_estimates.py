@@ -60,7 +60,7 @@ class NuisanceEstimates:
             sentences.append(f"Fitted beside the material: {_listed(known)}.")
         if open_:
             why = (
-                "what is seen behind the object is not enough"
+                "the surroundings behind the object are not enough"
                 if any(each.by_surroundings for each in open_)
                 else "no photograph shows the environment behind the object"
             )

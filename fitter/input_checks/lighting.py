@@ -168,7 +168,7 @@ def _exposures(step: Step, photographs: Sequence[Named]) -> list[Finding]:
     told = []
     for photograph, gain in zip(photographs, gains, strict=True):
         if max(gain, 1 / gain) >= GAIN:
-            value = f"{gain:.2g} times as bright as the other photographs say: {step.told}"
+            value = f"{gain:.2g} times as bright as by the other photographs: {step.told}"
             said = photograph.exposure
             remedy = "correct its exposure" if said is None else f"set exposure = {said * gain:.3g}"
             told.append(Finding("exposure", photograph.where, value, remedy))

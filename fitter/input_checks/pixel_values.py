@@ -32,7 +32,7 @@ def pixel_findings(photograph: Photograph, inside: Bool[Tensor, "h w"], where: s
             return [Finding("clipping", where, value, remedy)]
     elif (clipped := _at_top(pixels, 1.0)) > FLAT and _contrast(pixels, 1.0) > CONTRAST:
         value = f"{percent(clipped)} of the object's pixels have the very same largest value, {float(pixels.max()):.3g}"
-        remedy = "they are clipped and do not say so: export without clipping, or mask them out"
+        remedy = "they are clipped without a mark: export without clipping, or mask them out"
         return [Finding("clipping", where, value, remedy)]
     values = max(len(torch.unique(channel)) for channel in pixels.T)
     if values < VALUES and _contrast(pixels, 0.75) > CONTRAST:

@@ -28,7 +28,7 @@ from fit_material.renderer.errors.input_error import InputError
 from fit_material.shaders.materials.kinds import KINDS
 
 EXACT = tuple(name for name, fidelity in PRESETS.items() if not fidelity.blurs)
-WHY_EXACT = "the viewer's model sees F0 alone, and follows no photograph closely enough to say where to take another"
+WHY_EXACT = "the viewer's model sees F0 alone, and follows no photograph closely enough to choose another view"
 
 DOUBT = "The fit stopped without converging, so that this is a guess."
 

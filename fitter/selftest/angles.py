@@ -14,7 +14,7 @@ from fit_material.shaders.optics import blur, fresnel
 ROWS = (
     Row(
         "conductor-at-grazing",
-        "cosθ = 0, 1e-8: F is 1 less 1e-8, and its slope by cosθ what is left",
+        "cosθ = 0, 1e-8: F is 1 less 1e-8, and its slope by cosθ the rest",
         "gold's red and silver's n and k",
         Formula(fresnel.conductor, grid(cos_d=(0.0, 1e-8, 1e-4), n=(0.05, 0.18), k=(3.4, 4.0)), INDEX, {"cos_d": 0.05}),
         (FINITE, between(0, 1), near(references.conductor, 48), gradient("cos_d")),
@@ -86,7 +86,7 @@ ROWS = (
     ),
     Row(
         "polar-angle-near-the-pole",
-        "acos of a float32 cosine tells no angle below 3e-4, which is a texel of a map of 8192 columns",
+        "acos of a float32 cosine resolves no angle below 3e-4, which is a texel of a map of 8192 columns",
         "1e-12 … 1e-2 rad from +Y",
         Formula(made.polar_angle, {"x": (1e-12, 1e-8, 1e-5, 1e-3, 1e-2)}, {"x": (0.0, 1.0)}),
         (FINITE, near(lambda x: x, 8), gradient()),
@@ -106,7 +106,7 @@ ROWS = (
         "37° about +Y",
         made.rotated,
         (within(lambda numbers: 64 * 16 * numbers.eps, "invariant"),),
-        "the same map, not turned",
+        "the same map, not rotated",
     ),
     Row(
         "cube-edges-and-corners",

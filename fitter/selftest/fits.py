@@ -60,7 +60,7 @@ ROWS = (
     Row(
         "two-materials-with-one-picture",
         "Lazányi's formula sees F0 alone: every n, k on a circle renders alike",
-        "n and k asked for under the thesis's reflectance",
+        "n and k requested under the thesis's reflectance",
         made.told(made.by_f0_alone),
         (FINITE_RESULT, undetermined("n", "k", words="lies anywhere in")),
         "MODEL.md 1",
@@ -127,7 +127,7 @@ ROWS = (
     Row(
         "channels-in-another-order",
         "nothing knows red from blue",
-        "channels turned, of light and photograph",
+        "channels permuted, of light and photograph",
         made.moves(made.channels, lambda x: x[[1, 2, 0, 4, 5, 3, 6]]),
         (within(made.tolerance, "invariant"),),
         "the fit before; the solver's tolerance",

@@ -51,7 +51,7 @@ ROWS = (
         Row(
             f"{distribution}-density-by-its-sine",
             "a lobe so narrow that its cosines round to 1 in float32",
-            "θ = 1e-5 … 3e-3 under alpha = 1e-3, told by sin²θ as well",
+            "θ = 1e-5 … 3e-3 under alpha = 1e-3, given by sin²θ as well",
             Formula(made.by_angle(distribution), {"angle": (1e-5, 3e-4, 1e-3, 3e-3)}, {}, {"angle": 1e-5}),
             (FINITE, near(made.by_angle_exactly(distribution), 32), gradient()),
             "the formula at 50 digits; finite differences",
@@ -70,7 +70,7 @@ ROWS = (
                 grid(cos_h=(1e-8, 0.5, 1.0), alpha=(0.0, 1e-9)),
             ),
             (FINITE, between(0, 1.001 / (math.pi * microfacets.MIRROR**2))),
-            "the lobe of alpha = 1e-6, below which none is told apart",
+            "the lobe of alpha = 1e-6, below which none is distinguished",
         )
         for distribution in get_args(Distribution)
     ),

@@ -33,7 +33,7 @@ def _listed(values: Sequence[float]) -> str:
 
 
 ROWS = (
-    _metal("silver", "n → 0: F is within 1e-7 of 1, its slope by n is what tells n", (1e-6, 0.01, 0.05), (1.0, 4.0)),
+    _metal("silver", "n → 0: F is within 1e-7 of 1, its slope by n determines n", (1e-6, 0.01, 0.05), (1.0, 4.0)),
     _metal(
         "no-absorption",
         "k = 0, and k that is squared below the smallest number",
@@ -62,7 +62,7 @@ ROWS = (
     ),
     Row(
         "reflectance-near-air",
-        "F of 1e-14 is what is left of two numbers near 1",
+        "F of 1e-14 is the difference of two numbers near 1",
         "η = 1 + 1e-6, 1 + 1e-3; cosθ = 0.3, 1",
         Formula(fresnel.dielectric, grid(cos_d=(0.3, 1.0), ior=(1 + 1e-6, 1 + 1e-3)), {"cos_d": (0, 1)}, {"ior": 1e-7}),
         (FINITE, near(references.dielectric, 24), gradient()),

@@ -78,7 +78,7 @@ def _with_color_map(
     light = None if places is None else places.light()
     made = _color_map(part, found, light, layout)
     if made is None:
-        return _unmapped(part, f"By its texture coordinates no pixel tells texels apart, {size} a side")
+        return _unmapped(part, f"By its texture coordinates no pixel separates texels, {size} a side")
     effects, counted = part.lighting.effects - {"interreflection"}, ""
     if places is not None and places.transfer is not None:
         for _ in range(ROUNDS):

@@ -78,7 +78,7 @@ class Ascent:
         """The same for a person."""
         last = self.rungs[-1]
         if last.movement is None:
-            return f"No number is determined, so that none can be said to keep to {self.asked:.2g}."
+            return f"No number is determined, so that none can keep to {self.asked:.2g}."
         spent = f"after {last.seconds:.1f} s of fitting, with {last.pixels} pixels of {last.samples} samples"
         moves = f"no determined number but the viewer's roughness is expected to be off by over {_share(last.movement)}"
         if self.reached:

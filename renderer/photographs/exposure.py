@@ -171,9 +171,7 @@ def _require_agreement(files: Sequence[Path], exposures: Sequence[float], told: 
             continue
         seen, said = float(ratio.median()), exposures[longer] / exposures[shorter]
         if not 1 / CONTRADICTED <= seen / said <= CONTRADICTED:
-            expected = (
-                f"about {seen:.3g} times that of {files[shorter].name}, as their pixels say, not {said:.3g} times"
-            )
+            expected = f"about {seen:.3g} times that of {files[shorter].name}, by their pixels, not {said:.3g} times"
             raise InputError(files[longer], "exposure", f"{exposures[longer]:.4g}", expected)
 
 

@@ -159,7 +159,7 @@ class Controls:
 
     def _turn_surroundings(self, degrees: float) -> None:
         self.look = replace(self.look, rotation=math.remainder(self.look.rotation + degrees, 360))
-        self.message = f"surroundings turned by {self.look.rotation:.0f}°"
+        self.message = f"surroundings rotated by {self.look.rotation:.0f}°"
 
     def _expose(self, stops: float) -> None:
         exposure = min(EXPOSURE_LIMIT, max(-EXPOSURE_LIMIT, self.look.exposure + stops))

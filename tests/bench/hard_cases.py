@@ -28,7 +28,7 @@ MEANINGS = {
     "finite, no worse, honest": "numbers, a cost no higher than the start's, and a status that is true",
     "refused": "one sentence says what is wrong",
     "left out and counted": "without the broken pixel, which the result tells of",
-    "repaired and told": "with another value for the broken texel, which the result tells of",
+    "repaired and reported": "with another value for the broken texel, which the result tells of",
 }
 """What the words of "must hold" say."""
 

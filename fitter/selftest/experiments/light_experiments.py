@@ -231,7 +231,7 @@ def repaired(count: int, value: float) -> Any:
         got = float(radiance[1, 2, 0])
         return None if math.isclose(got, value, rel_tol=1e-6) else f"became {got:.9g}, expected {value:.9g}"
 
-    return Claim("repaired and told", sentence)
+    return Claim("repaired and reported", sentence)
 
 
 def rounding(numbers: Numbers) -> float:

@@ -20,7 +20,7 @@ from fit_material.renderer.scene.scene_file import read_scene
 from tests.support.soft_scene import gold, soft_scene
 
 VIEW = "origin target up fov projection scale ratio angle_to_nearest_view"
-WHY = "the viewer's model sees F0 alone, and follows no photograph closely enough to say where to take another"
+WHY = "the viewer's model sees F0 alone, and follows no photograph closely enough to choose another view"
 
 
 @pytest.fixture(scope="module")

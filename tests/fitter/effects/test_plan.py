@@ -59,8 +59,8 @@ def test_only_what_structure_leaves_open_is_measured():
         ({"convex": True}, "self-visibility", "the object is convex, no point of it sees another"),
         ({"convex": True}, "ambient-occlusion", "the object is convex, no point of it sees another"),
         ({"blurs": True}, "self-visibility", "the viewer sees far surroundings alone"),
-        ({"reflectance": "schlick"}, "exact-fresnel", "schlick's reflectance was asked for"),
-        ({"footprint": 1}, "pixel-footprint", "one ray per pixel was asked for"),
+        ({"reflectance": "schlick"}, "exact-fresnel", "schlick's reflectance was requested"),
+        ({"footprint": 1}, "pixel-footprint", "one ray per pixel was requested"),
     ],
 )
 def test_structure_rules_an_effect_out_whatever_its_size(changed, name, why):

@@ -312,8 +312,8 @@ def refitted(scene: Path, out: Path, change, radiance: float = 1.0) -> Path:
 @pytest.mark.parametrize(
     ("change", "told"),
     [
-        pytest.param(lambda u, v: (1e-6 * u, 1e-6 * v), "no pixel tells texels apart", marks=pytest.mark.slow),
-        pytest.param(lambda u, v: (500 * u, 500 * v), "no pixel tells texels apart", marks=pytest.mark.slow),
+        pytest.param(lambda u, v: (1e-6 * u, 1e-6 * v), "no pixel separates texels", marks=pytest.mark.slow),
+        pytest.param(lambda u, v: (500 * u, 500 * v), "no pixel separates texels", marks=pytest.mark.slow),
         (lambda u, v: (u, u), "no texture coordinates, or such as cover no area"),
     ],
 )
