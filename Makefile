@@ -3,7 +3,7 @@
 #   make install   .venv with the program in it: .venv/bin/fit-material
 #   make demo      photographs of a gold ball by Mitsuba, the fit, a report: demo/report.html
 #   make test      the tests
-#   make test-llvm the tests that depend on LLVM, where this machine has none, one that fails, one that serves, a wrong path
+#   make test-llvm the tests that depend on LLVM, where this machine has one that fails, none, a wrong path
 #   make test-arithmetic  the tests that fit, by torch's arithmetic of another processor
 #   make slow      the tests that take minutes
 #   make stress    properties of whole domains by many examples, and a hundred thousand damaged files; some fifteen minutes
@@ -23,12 +23,14 @@
 #   AREA     a folder of tests, of test: make test AREA=light_tables
 #   JOBS     fits at a time, of bench-recovery
 #   REPEATS  runs of each rung, of accuracy
+#   EXTENT   of test-llvm: all for all tests in these states and in the one that serves
 #   EXAMPLES of each property, of stress
 #   TORCH    what pip installs torch from; another build of it: TORCH="torch==2.13.0 --index-url ADDRESS"
 
 TORCH = torch==2.13.0
 JOBS = 1
 EXAMPLES = 1000
+EXTENT =
 REPEATS = 1
 
 bin = .venv/bin
@@ -53,7 +55,7 @@ test: $(installed)
 	OMP_NUM_THREADS=1 $(bin)/python -m pytest -n 2 --dist loadfile $(folders)
 
 test-llvm: $(installed)
-	bash tools/test_llvm.sh $(bin)/python
+	bash tools/test_llvm.sh $(bin)/python $(EXTENT)
 
 test-arithmetic: $(installed)
 	ATEN_CPU_CAPABILITY=default OMP_NUM_THREADS=1 $(bin)/python -m pytest -q -n 2 -m 'fits and not slow'

@@ -238,6 +238,9 @@ def test_closed_streams_keep_the_exit_code_and_the_files(streams, tmp_path):
     assert closed(streams, "--help").returncode == 0
 
 
+QUICK = ("--fidelity", "preview", "--samples", 64, "--pixels", 100, "--no-check")
+
+
 @pytest.mark.fits
 def test_undetermined_is_exit_code_one(tmp_path):
     """Under light that is the same from everywhere a small roughness shows nowhere, whatever a processor can do: `make
@@ -246,7 +249,7 @@ def test_undetermined_is_exit_code_one(tmp_path):
     iron = metal("Fe")
     options = SynthOptions(TrueMetal(iron.n, iron.k, 0.02), size=24, spp=64, views=1, env=str(tmp_path / "grey.exr"))
     scene = synthesise(options, tmp_path / "scene")
-    ended = run("fit", scene, "-o", tmp_path / "out", "--fidelity", "preview", "--type", "metal")
+    ended = run("fit", scene, "-o", tmp_path / "out", *QUICK, "--type", "metal")
     assert (ended.returncode, ended.stderr) == (1, "")
     found = strictly_parsed(tmp_path / "out" / "result.json")
     assert (found["status"], found["materials"][0]["determined"]["alpha"]) == ("not_determined", False)

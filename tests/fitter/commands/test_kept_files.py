@@ -252,7 +252,7 @@ def test_a_turntable_does_not_overwrite_a_texture(ball, gl, tmp_path):  # noqa: 
     assert told == f"--turntable: is film/frame_001.png, {INPUT}"
 
 
-@pytest.mark.parametrize("name", ["out.png", "out.exr"])
+@pytest.mark.parametrize("name", ["out.png", pytest.param("out.exr", marks=pytest.mark.slow)])
 def test_view_on_a_full_disk_says_so_and_leaves_nothing(ball, gl, name):  # noqa: F811
     ended = limited(100, "view", ball, "--env", "room.exr", "--screenshot", name, "--size", "64", "64")
     assert ended.returncode == 2

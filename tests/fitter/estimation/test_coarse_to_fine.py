@@ -73,7 +73,7 @@ def problem_of(truth: Material, surface: GBuffer, light: Environment, fidelity: 
     return Problem(observed, Lighting(light, (), fidelity), SOLVERS["lm"], quiet)
 
 
-@pytest.mark.parametrize("rho", [0.1, 0.4])
+@pytest.mark.parametrize("rho", [pytest.param(0.1, marks=pytest.mark.slow), 0.4])
 def test_the_viewers_model_finds_its_own_metal(light, rho):
     """No noise and no integration error: what is left is the interpolation between levels of ρ and the solver's
     tolerance of 1e-6."""
@@ -83,7 +83,7 @@ def test_the_viewers_model_finds_its_own_metal(light, rho):
     assert float(fit.material.width.value) == pytest.approx(rho, abs=1e-3)
 
 
-@pytest.mark.parametrize("rho", [0.1, 0.4])
+@pytest.mark.parametrize("rho", [pytest.param(0.1, marks=pytest.mark.slow), 0.4])
 def test_the_viewers_model_finds_its_own_glossy_material(light, rho):
     """Each channel has a reflectance of its own; as above."""
     truth = Glossy(float64((0.6, 0.2, 0.05)), float64((0.04, 0.1, 0.3)), Blur(float64(rho)))
@@ -106,7 +106,7 @@ def test_a_matte_material_is_found(light, fidelity, reflectance):
 
 
 @pytest.mark.parametrize("distribution", ["ggx", "beckmann"])
-@pytest.mark.parametrize("alpha", [0.05, 0.3, 0.9])
+@pytest.mark.parametrize("alpha", [0.05, pytest.param(0.3, marks=pytest.mark.slow), 0.9])
 def test_microfacets_are_found_within_the_stated_errors(light, distribution, alpha):
     """Pictures of 4096 samples, fitted with 256 and another seed. Five standard errors: the chance of a sound fit to
     fail in one of seven numbers is 4e-6."""
@@ -121,7 +121,7 @@ def test_microfacets_are_found_within_the_stated_errors(light, distribution, alp
     assert share < 0.03  # of alpha, or the bound above would mean nothing
 
 
-@pytest.mark.parametrize("alpha", [0.05, 0.4])
+@pytest.mark.parametrize("alpha", [pytest.param(0.05, marks=pytest.mark.slow), 0.4])
 def test_a_rough_plastic_is_found_within_the_stated_errors(light, alpha):
     """As above, with colour and one reflectance."""
     truth = Glossy(float64((0.6, 0.2, 0.05)), float64((0.05, 0.05, 0.05)), Microfacet(float64(alpha)))
@@ -139,7 +139,7 @@ TRUTHS = {
 }
 
 
-@pytest.mark.parametrize("fidelity", ["viewer", "preview"])
+@pytest.mark.parametrize("fidelity", [pytest.param("viewer", marks=pytest.mark.slow), "preview"])
 @pytest.mark.parametrize("kind", TRUTHS)
 def test_the_type_is_found(light, fidelity, kind):
     surface = surface_of(24, PRESETS[fidelity].footprint)
@@ -148,6 +148,7 @@ def test_the_type_is_found(light, fidelity, kind):
     assert choice.runner_up[1] > DECISIVE
 
 
+@pytest.mark.slow
 def test_the_noise_of_few_samples_is_no_misfit():
     """Rough iron under small lamps: a table of 64 samples errs by more than a body, which has no such noise, would
     misrepresent. By the sum of squares alone it was taken for glossy."""

@@ -174,6 +174,7 @@ def test_a_photograph_that_repeats_another_changes_no_number(iron, tmp_path):
     assert "Photographs that repeat an earlier one were left out: view_0." in found.message
 
 
+@pytest.mark.slow
 def test_a_wrong_exposure_is_not_hidden(iron, tmp_path):
     """Three times brighter than it was: F0 of 1.6, which no metal has."""
     scene = iron.with_name("too_bright.toml")

@@ -53,9 +53,7 @@ def even(value: float):
     return lambda met: np.full((len(met.material), 3), value)
 
 
-@pytest.mark.parametrize(
-    "sent", [0.0, pytest.param(0.5, marks=pytest.mark.slow), 0.9, pytest.param(1.0, marks=pytest.mark.slow)]
-)
+@pytest.mark.parametrize("sent", [*(pytest.param(share, marks=pytest.mark.slow) for share in (0.0, 0.5, 1.0)), 0.9])
 def test_an_evenly_lit_bowl_has_the_light_of_a_part_of_an_integrating_sphere(sent):
     # Every point of a sphere sees every other one under the same factor, so that light in a cap of the share c of it
     # is even: E = (1 - c) + ρ c E. The polyhedron is smaller by (2π/32)²/24 = 0.2 %, and 768 blocks of the sky show its
@@ -71,7 +69,7 @@ def test_an_evenly_lit_bowl_has_the_light_of_a_part_of_an_integrating_sphere(sen
     np.testing.assert_allclose(light.total, light.share * found.unoccluded + light.returned, atol=1e-12)
 
 
-@pytest.mark.parametrize("sky", [0.0, 1.0])
+@pytest.mark.parametrize("sky", [0.0, pytest.param(1.0, marks=pytest.mark.slow)])
 def test_a_lamp_lights_the_bowl_by_way_of_its_walls(sky):
     # A lamp from above sends π L times the rim's disc, π sin², into the bowl; what is sent back of it falls evenly on
     # the whole sphere, 4π, and so does all that follows: E = ρ L sin²/4 / (1 - ρ c), over π. That the polyhedron's

@@ -141,7 +141,9 @@ def test_a_climb_spends_more_where_more_is_asked_and_keeps_its_word(light):
     assert followed.record("ball").reached == (rough.rungs[-1].movement <= fine.asked)
 
 
-@pytest.mark.parametrize("noise", [0.0, 0.1, 0.3])
+@pytest.mark.parametrize(
+    "noise", [pytest.param(0.0, marks=pytest.mark.slow), pytest.param(0.1, marks=pytest.mark.slow), 0.3]
+)
 def test_the_integrations_share_is_what_other_samples_make_of_the_pixels(light, noise):
     """Against the scatter between pictures of three seeds, relative to radiance, where the share weighs pixels and
     channels by what they tell: within a factor of three."""
