@@ -32,7 +32,7 @@ from fit_material.fitter.observations.scene_data import Loaded
 from fit_material.fitter.options.fidelity import Fidelity
 from fit_material.renderer.errors.input_error import InputError
 from fit_material.renderer.light_tables.light_table import LightTable
-from fit_material.renderer.materials.bsdf import Bsdf, Channels, diffuse
+from fit_material.renderer.materials.bsdf import Bsdf, diffuse
 from fit_material.renderer.mitsuba.conversion import bsdf
 from fit_material.renderer.path_tracing import differentiable_scene
 from fit_material.renderer.path_tracing.differentiable_scene import DifferentiableScene, Radiance
@@ -276,9 +276,4 @@ def _bsdf(material: Material, lobe: Distribution) -> Bsdf:
     if material.color is not None:
         material = material.with_color(material.color.clamp(0, 1))
     alpha = 0.0 if material.width is None else float(alpha_of(material.width))
-    return bsdf(material.type, lambda name: _channels(getattr(material, name)), alpha, lobe)
-
-
-def _channels(values: Float[Tensor, "3"]) -> Channels:
-    red, green, blue = values.tolist()
-    return red, green, blue
+    return bsdf(material.type, lambda name: getattr(material, name).tolist(), alpha, lobe)

@@ -34,7 +34,7 @@ def value_of(material: Material, quantity: Quantity) -> Float[Tensor, " c"]:
     """A quantity of a material, one number for each of its channels."""
     if material.width is not None and quantity == material.width.quantity:
         return material.width.value[None]
-    return getattr(material, quantity.name)
+    return getattr(material, quantity.name).reshape(quantity.channels)
 
 
 def name_of(quantity: Quantity, channel: int | None) -> str:

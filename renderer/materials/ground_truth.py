@@ -69,11 +69,11 @@ class TrueMaterial(ABC):
 
     @staticmethod
     @abstractmethod
-    def bsdf(quantity: Callable[[str], Channels], alpha: float, distribution: Distribution) -> Bsdf:
+    def bsdf(quantity: Callable[[str], Any], alpha: float, distribution: Distribution) -> Bsdf:
         """Mitsuba's BSDF of it.
 
         Args:
-            quantity: computes one of `kind.stored` by its name.
+            quantity: computes one of `kind.stored` by its name: `Channels`, or a number where it has one channel.
             alpha, distribution: of its microfacets, where it has any.
         """
 
@@ -127,7 +127,7 @@ class TrueMetal(TrueMaterial):
         return TrueMetal(**_indices(given), **finish, distribution=distribution)
 
     @staticmethod
-    def bsdf(quantity: Callable[[str], Channels], alpha: float, distribution: Distribution) -> Bsdf:
+    def bsdf(quantity: Callable[[str], Any], alpha: float, distribution: Distribution) -> Bsdf:
         return conductor(quantity("n"), quantity("k"), alpha, distribution)
 
     def require_mitsubas(self) -> None:
@@ -165,7 +165,7 @@ class TrueGlossy(TrueMaterial):
         return TrueGlossy(**given, distribution=distribution)
 
     @staticmethod
-    def bsdf(quantity: Callable[[str], Channels], alpha: float, distribution: Distribution) -> Bsdf:
+    def bsdf(quantity: Callable[[str], Any], alpha: float, distribution: Distribution) -> Bsdf:
         return plastic(quantity("color"), quantity("reflectance")[0], alpha, distribution)
 
     def require_mitsubas(self) -> None:
@@ -213,7 +213,7 @@ class TrueMatte(TrueMaterial):
         return TrueMatte(**given)
 
     @staticmethod
-    def bsdf(quantity: Callable[[str], Channels], alpha: float, distribution: Distribution) -> Bsdf:
+    def bsdf(quantity: Callable[[str], Any], alpha: float, distribution: Distribution) -> Bsdf:
         return diffuse(quantity("color"))
 
     def require_mitsubas(self) -> None:

@@ -18,7 +18,7 @@ from fit_material.renderer.cameras.camera import Camera
 from fit_material.renderer.environment.environment import Environment
 from fit_material.renderer.errors.input_error import InputError
 from fit_material.renderer.geometry.mesh import Mesh, Shape, Sphere
-from fit_material.renderer.materials.bsdf import Bsdf, Channels, Distribution, rgb
+from fit_material.renderer.materials.bsdf import Bsdf, Distribution, rgb
 from fit_material.renderer.materials.ground_truth import TRUE_TYPES, TrueMaterial
 from fit_material.shaders.lights import DirectionalLight, Light
 from fit_material.shaders.materials.kinds import MaterialType
@@ -67,13 +67,11 @@ def bsdf_of(material: TrueMaterial) -> Bsdf:
     return bsdf(material.type, lambda name: getattr(material, name), material.alpha or 0.0, material.distribution)
 
 
-def bsdf(
-    kind: MaterialType, quantity: Callable[[str], Channels], alpha: float, distribution: Distribution | None
-) -> Bsdf:
+def bsdf(kind: MaterialType, quantity: Callable[[str], Any], alpha: float, distribution: Distribution | None) -> Bsdf:
     """A material of that type.
 
     Args:
-        quantity: its n, k, color and reflectance by these names, as far as it has them.
+        quantity: computes the quantities that it stores by their names, as `TrueMaterial.bsdf` takes them.
         alpha, distribution: as `conductor`'s; nothing to a material that mirrors nothing.
     """
     return TRUE_TYPES[kind].bsdf(quantity, alpha, distribution or "ggx")
