@@ -159,6 +159,7 @@ def _usage(error: TyperException) -> str:
     context = getattr(error, "ctx", None)
     command = context.command_path if context else "fit-material"
     message = " ".join(error.format_message().split()).rstrip(".")  # type: ignore[attr-defined] — of click's part
+    message = message.replace("Value error, ", "", 1)  # the checker's own words
     return f"{message[:1].lower()}{message[1:]}; `{command} --help` lists what there is"
 
 

@@ -11,7 +11,7 @@ from typing import Any, ClassVar, Literal, Self, get_args
 from fit_material.renderer.errors.input_error import InputError
 from fit_material.renderer.materials.bsdf import Bsdf, Channels, Distribution, conductor, diffuse, plastic
 from fit_material.renderer.materials.catalogue import metal as known_metal
-from fit_material.shaders.materials.kinds import GLOSSY, MATTE, METAL, Kind, MaterialType
+from fit_material.shaders.materials.kinds import GLOSSY, MATTE, METAL, OfKind
 from fit_material.shaders.materials.quantities import ALPHA, INDEX, ROUGHNESS
 from fit_material.shaders.registry.registry import Registry
 
@@ -22,35 +22,18 @@ LEAST_REFLECTANCE, MOST_REFLECTANCE = 1e-6, 0.99  # an index in float32 that is 
 MOST_SMOOTH_REFLECTANCE = 0.18
 
 
-class TrueMaterial(ABC):
+class TrueMaterial(OfKind, ABC):
     """A material as plain numbers.
 
     Attributes:
-        kind: its type, as data.
-        name: the type's name.
         alpha: Mitsuba's microfacet width; None where it has none, or where `roughness` is given.
         roughness: the viewer's blur radius ρ; None where it has none, or where `alpha` is given.
         distribution: of the microfacets' normals; None where there are none.
     """
 
-    kind: ClassVar[Kind]
-    name: ClassVar[MaterialType]
     alpha: float | None
     roughness: float | None
     distribution: Distribution | None
-
-    def __init_subclass__(cls) -> None:
-        cls.name = cls.kind.name
-
-    @property
-    def type(self) -> MaterialType:
-        """Name of the type."""
-        return self.kind.name
-
-    @property
-    def mirrors(self) -> bool:
-        """Whether it has a specular lobe."""
-        return self.kind.mirrors
 
     @classmethod
     def options(cls) -> tuple[str, ...]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from types import MappingProxyType
+from typing import ClassVar
 
 from fit_material.shaders.materials.quantities import ALPHA, COLOR, F0, REFLECTANCE, ROUGHNESS, K, N, Quantity
 from fit_material.shaders.registry.registry import Registry
@@ -41,6 +42,37 @@ class Kind:
     def quantities(self) -> tuple[Quantity, ...]:
         """All that a material of this type has, whichever lobe it is seen by."""
         return (*self.stored, *self.derived, *((ALPHA, ROUGHNESS) if self.mirrors else ()))
+
+
+class OfKind:
+    """What belongs to a type of material, which each class that can be made sets.
+
+    Attributes:
+        kind: the type, as data.
+        name: the type's name.
+    """
+
+    kind: ClassVar[Kind]
+    name: ClassVar[MaterialType]
+
+    def __init_subclass__(cls) -> None:
+        if hasattr(cls, "kind"):  # not an interface
+            cls.name = cls.kind.name
+
+    @property
+    def type(self) -> MaterialType:
+        """Name of the type."""
+        return self.kind.name
+
+    @property
+    def mirrors(self) -> bool:
+        """Whether it has a specular lobe."""
+        return self.kind.mirrors
+
+    @property
+    def has_body(self) -> bool:
+        """Whether it has a diffuse lobe."""
+        return self.kind.has_body
 
 
 METAL = Kind("metal", 2, "a metal", (N, K), mirrors=True, has_body=False, derived=(F0,))

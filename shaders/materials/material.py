@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable
-from typing import Any, ClassVar, Self
+from typing import Any, Self
 
 import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from fit_material.shaders.materials.kinds import Kind, MaterialType
+from fit_material.shaders.materials.kinds import OfKind
 from fit_material.shaders.materials.lobes import MicrofacetLobe, ThesisLobe
 from fit_material.shaders.materials.widths import Width
 from fit_material.shaders.optics.microfacets import Distribution
@@ -19,40 +19,18 @@ MaterialReflectance = Callable[[Any, Float[Tensor, "*p 1"]], Float[Tensor, "*p c
 """F of a material by a cosine, for one or three channels."""
 
 
-class AbstractMaterial(ABC):
+class AbstractMaterial(OfKind, ABC):
     """A type of material: lobes, and the formulas of its reflectance.
 
     Its fields are the quantities that `kind.stored` lists, each a tensor of that name, and `width` if it mirrors.
 
     Attributes:
-        kind: its type, as data.
-        name: the type's name.
         width: of the specular lobe; None where there is none.
         color: of the diffuse body; None where there is none.
     """
 
-    kind: ClassVar[Kind]
-    name: ClassVar[MaterialType]
     width: Width | None
     color: Float[Tensor, "*p 3"] | None
-
-    def __init_subclass__(cls) -> None:
-        cls.name = cls.kind.name
-
-    @property
-    def type(self) -> MaterialType:
-        """Name of the type."""
-        return self.kind.name
-
-    @property
-    def mirrors(self) -> bool:
-        """Whether it has a specular lobe."""
-        return self.kind.mirrors
-
-    @property
-    def has_body(self) -> bool:
-        """Whether it has a diffuse lobe."""
-        return self.kind.has_body
 
     @property
     def numbers(self) -> dict[str, Tensor]:

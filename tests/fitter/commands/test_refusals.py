@@ -57,7 +57,7 @@ def spoil(scene: Path, old: str, new: str) -> None:
         (["fit", "a.toml", "-o", "x", "--seed", str(2**31)], "invalid value for '--seed'"),
         (["fit", "a.toml", "-o", ""], '-o: is "", expected a folder that can be written'),
         (["frontier", "a.toml", "-o", ""], '-o: is "", expected a folder that can be written'),
-        (["fit", "a.toml", "-o", "x", "--type", "wooden"], "'wooden' is not one of 'auto', 'metal'"),
+        (["fit", "a.toml", "-o", "x", "--type", "wooden"], "'--type': 'wooden' is not one of 'auto', 'metal'"),
         (
             ["fit", "a.toml", "-o", "x", "--polish", "--without", "interreflection"],
             "--polish: is --without interreflection, expected one of the two, not both",
