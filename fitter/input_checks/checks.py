@@ -122,8 +122,7 @@ def _gains(loaded: Loaded, called: Sequence[Named]) -> NuisanceFactors:
 
 
 def _named(number: int, photograph: Photograph) -> Named:
-    exposure = photograph.exposure
-    return Named(number, photograph.name, None if exposure == "fit" else exposure)
+    return Named(number, photograph.name, photograph.exposure)
 
 
 def _is_linear(spec: PhotographSpec) -> bool:

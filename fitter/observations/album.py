@@ -10,7 +10,6 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import Literal
 
 from jaxtyping import Bool, Float
 from torch import Tensor
@@ -38,7 +37,7 @@ class Thumbnail:
 
     name: str
     camera: Camera
-    exposure: float | Literal["fit"]
+    exposure: float | None
     clipped: int
     nonfinite: int
     inputs: tuple[InputFile, ...]

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Literal
 
 import torch
 from jaxtyping import Bool, Float
@@ -36,7 +35,7 @@ class Photograph:
             the file's value is not finite.
         mask: pixels to use, [h, w]: masked in, fully covered, finite and not clipped.
         camera: where it was taken from.
-        exposure: pixel = exposure · radiance; "fit" leaves it to the fit, and `radiance` holds the pixels. 1 where
+        exposure: pixel = exposure · radiance; None where it is fitted, and `radiance` holds the pixels. 1 where
             several exposures were merged.
         clipped: pixels left out because a channel of them or of a neighbour is near the largest code of an integer
             file, or its sensor was full, in every exposure.
@@ -53,7 +52,7 @@ class Photograph:
     radiance: Float[Tensor, "h w 3"]
     mask: Bool[Tensor, "h w"]
     camera: Camera
-    exposure: float | Literal["fit"]
+    exposure: float | None
     clipped: int
     nonfinite: int
     inputs: tuple[InputFile, ...] = ()
@@ -72,9 +71,9 @@ class Photograph:
         return replace(self, radiance=least, mask=self.full, full=None, white=None)
 
 
-def known_exposure(exposure: float | Literal["fit"]) -> float:
+def known_exposure(exposure: float | None) -> float:
     """Pixel over what a photograph's radiance was read as; 1 where the exposure is left to the fit."""
-    return 1.0 if exposure == "fit" else exposure
+    return 1.0 if exposure is None else exposure
 
 
 def read_photograph(spec: PhotographSpec, scene_file: str | Path, index: int = 0) -> Photograph:

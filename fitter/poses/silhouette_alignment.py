@@ -16,6 +16,7 @@ from fit_material.renderer.cameras.pose_offset import Motion, Pose
 from fit_material.renderer.errors.input_error import InputError
 from fit_material.renderer.images.image_file import read_image
 from fit_material.renderer.rays.gbuffer import Tracer
+from fit_material.renderer.scene.fittable_values import FITTED
 from fit_material.renderer.scene.scene_file import PhotographSpec
 
 MOST_POINTS = 1000  # of a border; those of larger photographs are taken evenly
@@ -158,7 +159,7 @@ def border_of(spec: PhotographSpec, place: tuple[Path, str]) -> Border:
     Raises:
         InputError: it has neither, or they show no border.
     """
-    alpha = read_image(spec.image, None if spec.encoding == "fit" else spec.encoding).alpha
+    alpha = read_image(spec.image, None if spec.encoding == FITTED else spec.encoding).alpha
     if (alpha is None or alpha.min() == alpha.max()) and spec.mask is not None:
         alpha = read_image(spec.mask, "linear").radiance.mean(-1)
     if alpha is not None:

@@ -7,7 +7,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
-from typing import Literal
 
 import numpy as np
 import torch
@@ -43,7 +42,7 @@ class Exposed:
         clipped: pixels that no exposure holds unclipped, or that have such neighbours, [h, w].
         white: the radiance, [3], from which on the shortest exposure's channels may be clipped; None for files of
             floats, which do not clip, and for camera raw, whose channels mix full and other photosites.
-        exposure: what the pixels were divided by, 1 for a merged one; "fit" where it is unknown, and 1 was taken. A
+        exposure: what the pixels were divided by, 1 for a merged one; None where it is unknown, and 1 was taken. A
             white balance that is known was divided by, too.
     """
 
@@ -52,7 +51,7 @@ class Exposed:
     finite: Bool[Tensor, "h w"]
     clipped: Bool[Tensor, "h w"]
     white: Float[Tensor, "3"] | None
-    exposure: float | Literal["fit"]
+    exposure: float | None
 
 
 def expose(spec: PhotographSpec) -> Exposed:
@@ -70,8 +69,8 @@ def expose(spec: PhotographSpec) -> Exposed:
 
 def _exposed(spec: PhotographSpec) -> Exposed:
     files = spec.images or (spec.image,)
-    if spec.exposure == "fit":
-        return _single(read_image(spec.image, spec.encoding), 1.0, "fit")
+    if spec.exposure == FITTED:
+        return _single(read_image(spec.image, spec.encoding), 1.0, None)
     given = [relative_exposure(file) for file in files] if spec.exposure == "exif" else spec.exposure
     exposures = given if isinstance(given, list | tuple) else [given]
     if len(files) == 1:
@@ -81,7 +80,7 @@ def _exposed(spec: PhotographSpec) -> Exposed:
     return _merged(files, exposures, spec.encoding)
 
 
-def _single(image: Image, factor: float, exposure: float | Literal["fit"]) -> Exposed:
+def _single(image: Image, factor: float, exposure: float | None) -> Exposed:
     radiance = torch.from_numpy(image.radiance)
     return Exposed(
         radiance / factor, _alpha(image), _finite(image), clipped_pixels(image), _white(image, factor), exposure

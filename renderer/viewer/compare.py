@@ -104,7 +104,7 @@ def read_photograph(spec: PhotographSpec, scene: Path, index: int) -> Photograph
     if white.shape != alpha.shape:
         expected = f"{width} × {height} pixels, as its photograph"
         raise InputError(scene, f"photographs[{index}].mask", f"{white.shape[1]} × {white.shape[0]}", expected)
-    known = seen.exposure != "fit"
+    known = seen.exposure is not None
     radiance = np.where(finite[..., None], seen.radiance.numpy(), 0)
     cut_out = seen.alpha is not None or spec.mask is not None
     compared = finite & (alpha >= 0.5) & (white >= 0.5)

@@ -49,7 +49,7 @@ def ones(channels: int = 3) -> np.ndarray:
 def test_radiance_is_pixel_over_exposure(spec, exposure, factor):
     photograph = read_photograph(spec(0.75 * ones(), exposure=exposure), "scene.toml")
     assert photograph.name == "view"
-    assert photograph.exposure == exposure
+    assert photograph.exposure == (None if exposure == "fit" else exposure)
     assert photograph.mask.all()
     assert (photograph.camera.width, photograph.camera.height) == (WIDTH, HEIGHT)
     torch.testing.assert_close(photograph.radiance, torch.full((HEIGHT, WIDTH, 3), 0.75 * factor))
